@@ -4,11 +4,12 @@ import re
 from collections.abc import Iterator
 from difflib import get_close_matches
 from reprlib import Repr
-from typing import Any, get_args
-
-from pydantic import BaseModel, JsonValue, ValidationError
+from typing import TYPE_CHECKING, Any, get_args
 
 from rig_shared.errors import CodedError
+
+if TYPE_CHECKING:  # a stop and the help do without pydantic
+    from pydantic import BaseModel, JsonValue, ValidationError
 
 
 class RigError(CodedError):
@@ -21,7 +22,7 @@ class RuleError(RigError, ValueError):
     default_code = "invalid_value"
 
 
-WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
+WRITTEN_BY_COMMANDS: "dict[str, JsonValue]" = {"written_by_commands": True}
 """Marks a key that only commands write."""
 
 _SHORT = Repr()
@@ -61,12 +62,14 @@ def plain_rule(message: str) -> str:
 
 def wrong_value(message: str, cause: BaseException | None) -> str:
     """Return a message in the words of this program's other errors, with the value that a validation refused."""
+    from pydantic import ValidationError  # loaded only for an error, so that programs start fast
+
     problems = cause.errors() if isinstance(cause, ValidationError) else []
-    return plain_rule(message) + "".join(f", got {_SHORT.repr(problem['input'])}" for problem in problems[:1])
+    return plain_rule(message) + "".join(f", got {Repr().repr(problem['input'])}" for problem in problems[:1])
 
 
 def first_problem(
-    where: str, error: ValidationError, model: type[BaseModel] | None = None, within: str = ""
+    where: str, error: "ValidationError", model: "type[BaseModel] | None" = None, within: str = ""
 ) -> BadInputError:
     """Return the first error of a validation, with its place and value; a misspelled key before the missing one.
 
@@ -113,7 +116,7 @@ def _short(place: str) -> str:
 _LONGEST_KEY = 200
 
 
-def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
+def _neighbours(place: tuple[str | int, ...], model: "type[BaseModel]") -> list[str]:
     """Return keys similar to the last one of a place: from its own table, else from any other."""
     table, wanted = _table_at(place[:-1], model) or model, str(place[-1])
     if len(wanted) > _LONGEST_KEY:
@@ -126,7 +129,7 @@ def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[st
     return near or sorted(found, key=lambda full: not full.startswith(inside))[:2]
 
 
-def _table_at(place: tuple[str | int, ...], model: type[BaseModel]) -> type[BaseModel] | None:
+def _table_at(place: tuple[str | int, ...], model: "type[BaseModel]") -> "type[BaseModel] | None":
     """Return the innermost table on the way to a place, below the whole model."""
     table = None
     for name in map(str, place):
@@ -135,7 +138,7 @@ def _table_at(place: tuple[str | int, ...], model: type[BaseModel]) -> type[Base
     return table
 
 
-def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
+def _keys(model: "type[BaseModel]", above: str = "") -> Iterator[tuple[str, str]]:
     """Yield every key of a model and its tables that a person writes, with its full name."""
     for name, field in model.model_fields.items():
         if field.json_schema_extra == WRITTEN_BY_COMMANDS:
@@ -146,8 +149,10 @@ def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
             yield from _keys(inner, f"{above}{name}.")
 
 
-def _table(annotation: Any) -> type[BaseModel] | None:
+def _table(annotation: Any) -> "type[BaseModel] | None":
     """Return the table type that a key holds, if any."""
+    from pydantic import BaseModel
+
     kinds = (annotation, *get_args(annotation), *(inner for one in get_args(annotation) for inner in get_args(one)))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 

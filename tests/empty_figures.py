@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
 from rig.data import Run
-from rig.report.style import Plot
+from rig.report.plot import Plot
 from sim.models.fingertip import Fingertip
 
 

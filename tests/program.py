@@ -4,13 +4,15 @@ import io
 import json
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+import typer
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 from pydantic import TypeAdapter
@@ -19,6 +21,7 @@ from rig.cli import main
 from rig.cli.failure import FailureJson
 from rig.cli.json_schema import OUTPUTS, schema_of_command
 from rig.cli.output import THE_FINGER
+from rig.cli.program import COMMANDS
 
 
 @cache
@@ -87,9 +90,21 @@ class Ended:
 
 Program = Callable[..., Ended]
 
+
+def functions() -> Iterator[tuple[list[str], Callable[..., None]]]:
+    """Words and function of each command, and of those in a group."""
+    for name, command in COMMANDS.items():
+        module, _, function = command.where.partition(".")
+        found = getattr(import_module(f"rig.cli.{module}"), function)
+        if isinstance(found, typer.Typer):
+            yield from (([name, str(one.name)], one.callback) for one in found.registered_commands if one.callback)
+        else:
+            yield [name], found
+
+
 EMPTY_FIGURES = """\
 from matplotlib.figure import Figure
-from rig.report.style import Plot
+from rig.report.plot import Plot
 Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)
 """
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""

@@ -12,7 +12,7 @@ _drawn = script_execution.make_report
 def _make_report(*arguments: Any) -> None:
     from matplotlib.figure import Figure
 
-    from rig.report.style import Plot
+    from rig.report.plot import Plot
 
     Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)  # type: ignore[method-assign]
     while "HELD_REPORT" in os.environ:

@@ -3,6 +3,7 @@
 import io
 import statistics
 from contextlib import closing
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import typer
@@ -14,6 +15,7 @@ from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import busy, err, one_line_errors, out, print_json
+from rig.cli.request import takes
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_once, interrupt_main, typed_line
 from rig.clock import WallClock
@@ -59,34 +61,38 @@ class CalibrationJson(Output):
     toml: Toml
 
 
-def steps(
-    config: ConfigOption,
-    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Axis to calibrate.")],
+@dataclass(frozen=True)
+class StepsRequest:
+    """Options of `rig calibrate steps`."""
+
+    config: ConfigOption
+    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Axis to calibrate.")]
     by_mm: Annotated[
         float, typer.Option(metavar="D", help="Signed distance to move, in mm; nonzero, up to 1000 either way.")
-    ] = -20.0,
-    speed_mm_s: Annotated[
-        float, typer.Option(metavar="V", min=0.1, max=10, help="Speed of the axis, in mm/s.")
-    ] = 2.0,
-    valid_days: ValidDays = 365,
-    without_force: WithoutForceOption = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = -20.0
+    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10, help="Speed of the axis, in mm/s.")] = 2.0
+    valid_days: ValidDays = 365
+    without_force: WithoutForceOption = False
+    as_json: JsonOption = False
+
+
+@takes(StepsRequest)
+def steps(request: StepsRequest) -> None:
     """Calibrate steps/mm: home first, clear the path, and place a caliper or a dial gauge on the carriage."""
-    with one_line_errors(as_json=as_json):
-        settings = load_config(config)
-        direction, far_mm = way(axis, by_mm)
-        with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, _):
+    with one_line_errors(as_json=request.as_json):
+        settings = load_config(request.config)
+        direction, far_mm = way(request.axis, request.by_mm)
+        with live_line(settings) as show, by_hand(settings, show, without_force=request.without_force) as (hand, _):
             now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
-            end = hand.go(lambda: direction, speed_mm_s, far_mm)
+            end = hand.go(lambda: direction, request.speed_mm_s, far_mm)
         if end.problem is not None:
             raise BadInputError(f"{end.ended_by}; nothing was measured, nothing was changed", end.problem.code)
-        moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
+        moved_mm = abs(getattr(end.at, f"{direction.axis}_mm") - getattr(start.at, f"{direction.axis}_mm"))
         measured_mm = _typed_number(
             f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
         )
         value = now_per_mm * _ratio(moved_mm, measured_mm)
-        _print_calibration(_OF_AXIS[direction.axis], value, valid_days, as_json=as_json)
+        _print_calibration(_OF_AXIS[direction.axis], value, request.valid_days, as_json=request.as_json)
 
 
 def force(

@@ -1,19 +1,22 @@
 """`--choose`: options of an adaptive run, and its preparation."""
 
 import math
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli.output import busy
-from rig.data import Run
+from rig.cli.request import Needs
+from rig.cli.script_execution import RequestedRun
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.protocol.script import Script
 from rig.session.rehearsal_summary import PossiblePressesJson
-from rig.session.resume import StoppedRun
 from sim.finger_process import Finger
 
 if TYPE_CHECKING:
@@ -38,6 +41,7 @@ CountWithinOption = Annotated[
     ),
 ]
 _MOST_WITHIN_S = 3600.0
+WAIT_NEEDS_CHOICE = Needs("--count-within-s", ("--choose",))
 
 
 def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":
@@ -58,65 +62,71 @@ def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool
     return Designed.of(script)
 
 
-def adaptive_run(
-    script: Script,
-    source: str,
-    within_s: float,
-    config: Config,
-    finger: Finger,
-    stopped: StoppedRun | None = None,
-    *,
-    virtual: bool,
-    as_json: bool,
-) -> "AdaptiveRun":
+@contextmanager
+def with_choice(run: RequestedRun, source: str | None, within_s: float) -> Iterator[RequestedRun]:
+    """Yield the run with the choice of its presses by counts from a source, which is open; the run alone without one.
+
+    Raises DesignError, BadInputError, CountError.
+    """
+    if source is None:
+        yield run
+        return
+    refuse_choose(run.script, source, within_s, virtual=run.finger is None)
+    adaptive = adaptive_run(run, source_of(source), within_s, run.loaded())
+    with closing(adaptive):
+        with busy("opening the source of the counts …", as_json=run.as_json):
+            adaptive.opened()
+        yield replace(run, choose=adaptive)
+
+
+def adaptive_run(run: RequestedRun, source: str, within_s: float, finger: Finger) -> "AdaptiveRun":
     """Return the adaptive run of a designed script, with every press that may be chosen checked.
 
     Raises DesignError, BadInputError.
     """
-    from rig.design.adaptive_run import AdaptiveRun
+    from rig.design.adaptive_run import AdaptiveRun, counted_in, presses_in
     from rig.design.chooser import ChooserProcess, InProcessChooser
 
-    designed = refuse_choose(script, source, within_s, virtual=virtual)
-    before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
-    choosing, plan = _checked(designed, source, config, finger, before, folder, as_json=as_json)
+    virtual, (before, folder) = run.finger is None, run.before
+    designed = refuse_choose(run.script, source, within_s, virtual=virtual)
+    prepared = _prepared(designed, run.config, finger, as_json=run.as_json)
+    choosing = replace(prepared, source=source, history=counted_in(before), made=presses_in(before))
+    approved = _approved(choosing, finger, folder, as_json=run.as_json)
     opener = InProcessChooser if virtual else ChooserProcess
-    return AdaptiveRun(script, designed, choosing, within_s, opener, before, plan)
+    return AdaptiveRun(run.script, designed, choosing, within_s, opener, before, approved)
 
 
-def _checked(
-    designed: "Designed",
-    source: str,
-    config: Config,
-    finger: Finger,
-    before: Run | None,
-    folder: Path | None,
-    *,
-    as_json: bool,
-) -> tuple["Choosing", Plan]:
-    """Return what a choice needs, and the plan of every press that may be chosen."""
+def _prepared(designed: "Designed", config: Config, finger: Finger, *, as_json: bool) -> "Choosing":
+    """Return what a choice needs, without counts."""
     with busy("preparing the choice …", quick=True):
         from threadpoolctl import threadpool_limits
 
         from rig.cli.design import ShownProgress
         from rig.design import design
-        from rig.design.adaptive_run import approved, counted_in, presses_in
         from rig.design.chooser import Choosing
 
     with ShownProgress(as_json=as_json) as shown, threadpool_limits(1):
         table, times, _ = design.bench_of(
             designed.request, config, finger, designed.plausible, shown.count, shown.progress
         )
-    choosing = Choosing(designed.request, source, config, table, times, counted_in(before), presses_in(before))
+    return Choosing(designed.request, "", config, table, times)
+
+
+def _approved(choosing: "Choosing", finger: Finger, folder: Path | None, *, as_json: bool) -> Plan:
+    """Return the plan of every press that may be chosen."""
+    from rig.design.adaptive_run import approved
+
     choosing.refuse_too_short()
     with busy("checking every press that may be chosen …", as_json=as_json):
-        return choosing, approved(choosing, finger, folder)
+        return approved(choosing, finger, folder)
 
 
 def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> PossiblePressesJson:
     """Return how many presses an adaptive run may choose, their highest force and pressure, and its soft trip."""
     from rig.design.designed import Designed
 
-    _, plan = _checked(Designed.of(script), "", config, finger, None, None, as_json=as_json)
+    choosing = _prepared(Designed.of(script), config, finger, as_json=as_json)
+    plan = _approved(choosing, finger, None, as_json=as_json)
     return {
         "presses": len(plan.indentations),
         "peak_force_gwt": plan.peak_force_gwt,

@@ -8,12 +8,14 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from rig.cli.options import unit_of
+from rig.cli.options import bounded
+from rig.cli.request import Needs
 from rig.errors import BadInputError
 from rig.printable import either
 from sim.coding.decoder_results import CodingError
+from sim.coding.encoding import Noise, NoisePlace
 from sim.coding.readings_file import checked_pressures, read_pressures
-from sim.coding.section import Axes, Sampling
+from sim.coding.section import Sampling
 from sim.coding.task import SectionPress
 from sim.contact.shapes import parse_shape
 from sim.tables import TableError
@@ -21,33 +23,24 @@ from sim.tables import TableError
 INPUT, SAMPLING, NOISE = "Input", "Sampling", "Noise and receptor"
 """Panels of options."""
 
+AcrossOption = Annotated[
+    float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT)
+]
+DoiOption = Annotated[
+    float | None,
+    typer.Option(metavar="D", help="DOI, in mm. Default: none; --shape needs it.", rich_help_panel=INPUT),
+]
 SeedOption = Annotated[
-    int,
-    typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
+    int, typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE)
 ]
 SpacingOption = Annotated[
-    float,
-    typer.Option(
-        metavar="MM",
-        help="Spacing of the samples, 0.05 to 0.5 mm.",
-        rich_help_panel=SAMPLING,
-    ),
+    float, typer.Option(metavar="MM", help="Spacing of the samples, 0.05 to 0.5 mm.", rich_help_panel=SAMPLING)
 ]
 HalfLengthOption = Annotated[
-    int,
-    typer.Option(
-        metavar="N",
-        help="Number of samples on each side, 4 to 100.",
-        rich_help_panel=SAMPLING,
-    ),
+    int, typer.Option(metavar="N", help="Number of samples on each side, 4 to 100.", rich_help_panel=SAMPLING)
 ]
 DepthOption = Annotated[
-    float,
-    typer.Option(
-        metavar="MM",
-        help="Receptor depth below skin, 0.1 to 3 mm.",
-        rich_help_panel=SAMPLING,
-    ),
+    float, typer.Option(metavar="MM", help="Receptor depth below skin, 0.1 to 3 mm.", rich_help_panel=SAMPLING)
 ]
 EnergyOption = Annotated[
     str,
@@ -66,23 +59,11 @@ SnrOption = Annotated[
     ),
 ]
 NoisePlaceOption = Annotated[
-    str,
-    typer.Option(
-        metavar="AT",
-        help="Add noise to: receptor (SED) or output (rate).",
-        rich_help_panel=NOISE,
-    ),
+    str, typer.Option(metavar="AT", help="Add noise to: receptor (SED) or output (rate).", rich_help_panel=NOISE)
 ]
 
 
 _Word = TypeVar("_Word", bound=str)
-
-
-def bounded(option: str, value: float, low: float, high: float) -> float:
-    """Return the value; raise BadInputError if it is out of bounds."""
-    if not low <= value <= high:
-        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}{unit_of(option)}", "outside_range")
-    return value
 
 
 def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
@@ -93,12 +74,18 @@ def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
     raise BadInputError(f"{option} {text!r}: must be {either(words)}", "unknown_choice")
 
 
-def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes = "skin") -> Sampling:
+def sampling_of(spacing_mm: float, half_length: int, depth_mm: float) -> Sampling:
     """Return the sampling; raise BadInputError for numbers out of bounds."""
     bounded("--spacing-mm", spacing_mm, 0.05, 0.5)
     bounded("--half-length", half_length, 4, 100)
     bounded("--receptor-depth-mm", depth_mm, 0.1, 3.0)
-    return Sampling(spacing_mm, half_length, axes, depth_mm)
+    return Sampling(spacing_mm, half_length, "skin", depth_mm)
+
+
+def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
+    """Return the noise to add, None without a ratio; raise BadInputError for numbers out of bounds."""
+    drawn = int(bounded("--seed", seed, 0, 2**32))
+    return None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
 
 
 def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
@@ -117,10 +104,13 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
         raise in_options(error) from None
 
 
+SHARED_RULES = (Needs("--shape", ("--doi-mm",)), Needs("--gain", ("--threshold",)))
+"""Rules that encoding and decoding share."""
+
+
 def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:
-    """Return a press of the section; raise BadInputError without a depth, ShapeError for an unknown shape."""
-    if doi_mm is None:
-        raise BadInputError("--shape requires --doi-mm; add it", "needs_option")
+    """Return a press of the section; raise ShapeError for an unknown shape."""
+    assert doi_mm is not None
     return SectionPress(parse_shape(shape), x_mm, doi_mm)
 
 

@@ -5,16 +5,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
-from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
+from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import Excludes, Needs, given_options, refuse, repeats, takes
+from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.comparison_rows import fingers_as_json
@@ -65,11 +65,7 @@ class CompareRequest:
     ] = None
     example: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Shipped recording to rehearse: bar3.",
-            rich_help_panel=_RECORDING,
-        ),
+        typer.Option(metavar="NAME", help="Shipped recording to rehearse: bar3.", rich_help_panel=_RECORDING),
     ] = None
     recorded: Annotated[
         list[str] | None,
@@ -110,9 +106,7 @@ class CompareRequest:
     deflection: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV",
-            help="Measured skin deflection (docs/comparison.md).",
-            rich_help_panel=_RECORDING,
+            metavar="CSV", help="Measured skin deflection (docs/comparison.md).", rich_help_panel=_RECORDING
         ),
     ] = None
     receptor_x_mm: Annotated[
@@ -132,8 +126,7 @@ class CompareRequest:
         typer.Option("--saturating", help="Fit rates that saturate, with a third parameter.", rich_help_panel=_MODEL),
     ] = False
     silent_at_rest: Annotated[
-        bool,
-        typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL),
+        bool, typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL)
     ] = False
     friction: Annotated[
         float,
@@ -175,14 +168,15 @@ class CompareRequest:
     exact: ExactOption = False
     as_json: JsonOption = False
 
+    rules: ClassVar[Sequence[Rule]] = (
+        Alone("--example", ("--out", "--json"), "example_alone", "it brings its own rehearsal and recording"),
+        Excludes("--friction", ("--place", "--fingers"), "friction_with"),
+        Needs("--depth-range-mm", ("--place",)),
+        Needs("--offset-mm", ("--place",)),
+        Needs("--place", ("--recorded",)),
+    )
 
-_RULES = (
-    Excludes("--friction", ("--place", "--fingers"), code="friction_with"),
-    Needs("--depth-range-mm", "--place"),
-    Needs("--offset-mm", "--place"),
-    Needs("--place", "--recorded"),
-)
-_WITH_EXAMPLE = ("--example", "--out", "--json")
+
 _WITH_GROUPS = (
     *("RUNS", "--recorded", "--columns", "--mirror", "--window-s", "--field-centre-mm", "--receptor-x-mm"),
     *("--receptor-depth-mm", "--friction", "--out", "--json"),
@@ -195,17 +189,16 @@ def command(request: CompareRequest) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
     with one_line_errors(as_json=request.as_json):
         began = time.perf_counter()
-        if request.example is not None:
-            _refuse_with_example(request, request.example)
-            compare_example(request.out_file or Path(f"{request.example}.html"), as_json=request.as_json)
-            return
-        if not request.runs:
-            raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
-        checked_friction(request.friction)
         group = named_group(request.recorded or [])
         if group is not None:
             refuse_options(given_options(request, without=_WITH_GROUPS))
-        refuse(request, _RULES)
+        refuse(request)
+        if request.example is not None:
+            _compare_example(request, request.example)
+            return
+        if not request.runs:
+            raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
+        bounded("--friction", request.friction, 0, MOST_FRICTION)
         reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
         if request.out_file is not None:
             checked_file("--out", request.out_file, *HTML)
@@ -300,13 +293,11 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
 _NOT_OF_THE_REPORT = ("--out", "--json")
 
 
-def _refuse_with_example(request: CompareRequest, example: str) -> None:
+def _compare_example(request: CompareRequest, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
-    for option in given_options(request, without=_WITH_EXAMPLE):
-        raise BadInputError(
-            f"--example {example} brings its own rehearsal and recording; remove {option}", "example_alone"
-        )
+    made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
+    compare_example(request.out_file or Path(f"{example}.html"), made_by, as_json=request.as_json)
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"

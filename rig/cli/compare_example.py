@@ -31,7 +31,7 @@ EXAMPLES = ("bar3",)
 _TITLE = "Which measure explains a recorded afferent under a bar?"
 
 
-def compare_example(report: Path, *, as_json: bool) -> None:
+def compare_example(report: Path, made_by: str, *, as_json: bool) -> None:
     """Rehearse the protocol on the default finger, compare both phases, write the page."""
     began = time.perf_counter()
     checked_file("--out", report, *HTML)
@@ -50,7 +50,7 @@ def compare_example(report: Path, *, as_json: bool) -> None:
             comparison,
             [],
             finger,
-            "rig compare --example bar3",
+            made_by,
             title=_TITLE,
             answers=static,
             lead=example_sections(rehearsal, verdicts),

@@ -2,9 +2,10 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import typer
@@ -14,45 +15,47 @@ from rich.table import Table
 from rig.cli.coding_options import (
     INPUT,
     NOISE,
+    SHARED_RULES,
+    AcrossOption,
     DepthOption,
+    DoiOption,
     EnergyOption,
     HalfLengthOption,
     NoisePlaceOption,
     SeedOption,
     SnrOption,
     SpacingOption,
-    bounded,
     in_options,
     named,
+    noise_of,
     press_of,
     pressures_of,
     sampling_of,
 )
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
+from rig.cli.options import (
+    FingertipOption,
+    JsonOption,
+    PictureOption,
+    bounded,
+    checked_picture,
+    numbers,
+    write_picture,
+)
 from rig.cli.output import busy, one_line_errors, out, print_json
-from rig.cli.request import takes
+from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, refuse, takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.printable import either
 from rig_shared.outputs import Output, Places, Range, Ratio, Shape
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, ReadingUnit, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator, OperatorName
 from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, Energy
 from sim.coding.shape_class import SolidClass, classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
-from sim.coding.task import (
-    DECODERS,
-    DecodeResult,
-    DecoderName,
-    DecodeTask,
-    SearchOptions,
-    SectionPress,
-    decode_task,
-)
+from sim.coding.task import DECODERS, DecodeResult, DecoderName, DecodeTask, SearchOptions, SectionPress, decode_task
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.tables import TableError
@@ -123,29 +126,9 @@ class DecodeJson(Output):
     search_ms: float
 
 
-def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
-    """Raise BadInputError unless readings have one source, and those of a file their own noise and operator."""
-    if [pressure, shape, readings].count(None) != 2:
-        raise BadInputError("give exactly one of --pressure, --shape and --readings", "exactly_one")
-    for name, value in others.items():
-        if readings is not None and value is not None:
-            option = f"--{name.replace('_', '-')}"
-            raise BadInputError(
-                f"{option} cannot be combined with --readings; use it with --pressure or --shape", "not_together"
-            )
-
-
-def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
-    """Return the noise to add, None without a ratio; raise BadInputError for numbers out of bounds."""
-    drawn = int(bounded("--seed", seed, 0, 2**32))
-    return None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
-
-
 def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | None:
     """Return R = k (S − S₀) with standard errors of k and S₀, None without a threshold; raise BadInputError."""
     if threshold is None:
-        if gain is not None:
-            raise BadInputError("--gain requires --threshold; add it", "needs_option")
         return None
     k, k_se = _with_error("--gain", "1" if gain is None else gain)
     s0, s0_se = _with_error("--threshold", threshold)
@@ -169,13 +152,8 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
     return value, error
 
 
-def search_of(
-    decoder: DecoderName, start: str | None, within: str | None, step: float | None, seed: int
-) -> SearchOptions:
-    """Return the search options; raise BadInputError for those that this decoder does not use."""
-    _refuse("--start", start, decoder, ("univariate", "grid"))
-    _refuse("--range", within, decoder, ("univariate", "grid", "table", "global"))
-    _refuse("--grid-step", step, decoder, ("grid",))
+def search_of(start: str | None, within: str | None, step: float | None, seed: int) -> SearchOptions:
+    """Return the search options; raise BadInputError for numbers out of bounds."""
     places = None if start is None else numbers("--start", start)
     ends = None if within is None else numbers("--range", within)
     if ends is not None and not (len(ends) == 2 and 0 <= ends[0] < ends[1] <= _LARGEST):
@@ -187,13 +165,10 @@ def search_of(
     return SearchOptions(places, ends and (ends[0], ends[1]), step, seed)
 
 
-def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> tuple[float, ...]:
+def axial_of(axial: str | None) -> tuple[float, ...]:
     """Return candidate half-lengths of the contact along the finger (mm); empty if no shape is named."""
     if axial is None:
         return ()
-    if readings is None:
-        raise BadInputError("--axial requires --readings with a row of receptors; add it", "needs_option")
-    _refuse("--axial", axial, decoder, ("bayes",))
     word, named, length = axial.partition(":")
     if word == "ellipse" and not named:
         return HALF_LENGTHS_MM
@@ -208,13 +183,6 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
             "bad_value",
         )
     return (half,)
-
-
-def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[DecoderName, ...]) -> None:
-    if value is not None and decoder not in takers:
-        raise BadInputError(
-            f"{option} does not apply to --decoder {decoder}; use it with {either(takers)}", "not_this_decoder"
-        )
 
 
 Array = NDArray[np.float64]
@@ -403,11 +371,7 @@ class DecodeRequest:
     ] = None
     shape: Annotated[
         str | None,
-        typer.Option(
-            metavar="S",
-            help="Indentor along the finger, as in rig indent.",
-            rich_help_panel=INPUT,
-        ),
+        typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.", rich_help_panel=INPUT),
     ] = None
     readings: Annotated[
         Path | None,
@@ -425,18 +389,8 @@ class DecodeRequest:
             rich_help_panel=INPUT,
         ),
     ] = None
-    x_mm: Annotated[
-        float,
-        typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
-    ] = 0.0
-    doi_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D",
-            help="DOI, in mm. Default: none; --shape needs it.",
-            rich_help_panel=INPUT,
-        ),
-    ] = None
+    x_mm: AcrossOption = 0.0
+    doi_mm: DoiOption = None
     decoder: Annotated[
         str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
     ] = "bayes"
@@ -454,9 +408,7 @@ class DecodeRequest:
     gain: Annotated[
         str | None,
         typer.Option(
-            metavar="K",
-            help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.",
-            rich_help_panel=NOISE,
+            metavar="K", help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.", rich_help_panel=NOISE
         ),
     ] = None
     threshold: Annotated[
@@ -500,37 +452,37 @@ class DecodeRequest:
     picture: PictureOption = None
     as_json: JsonOption = False
 
+    rules: ClassVar[Sequence[Rule]] = (
+        ExactlyOne(("--pressure", "--shape", "--readings")),
+        Excludes("--readings", ("--snr-db", "--operator", "--doi-mm"), "not_together"),
+        *SHARED_RULES,
+        Needs("--axial", ("--readings",)),
+        Needs("--start", ("--decoder univariate", "--decoder grid"), "not_this_decoder"),
+        Needs(
+            "--range",
+            ("--decoder univariate", "--decoder grid", "--decoder table", "--decoder global"),
+            "not_this_decoder",
+        ),
+        Needs("--grid-step", ("--decoder grid",), "not_this_decoder"),
+        Needs("--axial", ("--decoder bayes",), "not_this_decoder"),
+    )
+
 
 @takes(DecodeRequest)
 def decode_command(request: DecodeRequest) -> None:
     """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
     with one_line_errors(as_json=request.as_json):
-        refuse_together(
-            request.pressure,
-            request.shape,
-            request.readings,
-            snr_db=request.snr_db,
-            operator=request.operator,
-            doi_mm=request.doi_mm,
-        )
+        refuse(request)
         name = named("--decoder", request.decoder, DECODERS)
         by = None if request.operator is None else named("--operator", request.operator, OPERATORS)
         receptor, at = receptor_of(request.gain, request.threshold), named("--noise", request.noise, NOISE_PLACES)
         added, kind = noise_of(request.snr_db, at, request.seed), named("--energy", request.energy, ENERGIES)
-        search = search_of(name, request.start, request.within, request.grid_step, request.seed)
+        search = search_of(request.start, request.within, request.grid_step, request.seed)
         sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
-        half_lengths = axial_of(request.axial, name, request.readings)
+        half_lengths = axial_of(request.axial)
         checked_picture(request.picture)
         finger = load_config(request.config).finger
-        source = _source(
-            request.pressure,
-            request.shape,
-            request.readings,
-            request.x_mm,
-            request.doi_mm,
-            finger,
-            request.spacing_mm,
-        )
+        source = _source(request, finger)
         whole = isinstance(source, FileReadings) and (source.z_mm is not None or request.axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
         model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
@@ -545,22 +497,14 @@ def decode_command(request: DecodeRequest) -> None:
             print_decoded(finger, name, found)
 
 
-def _source(
-    pressure: str | None,
-    shape: str | None,
-    readings: Path | None,
-    x_mm: float,
-    doi_mm: float | None,
-    finger: FingertipConfig,
-    spacing_mm: float,
-) -> Array | SectionPress | FileReadings:
-    if pressure is not None:
-        return pressures_of(pressure, spacing_mm)
-    if shape is not None:
-        return press_of(shape, x_mm, doi_mm)
-    assert readings is not None
+def _source(request: DecodeRequest, finger: FingertipConfig) -> Array | SectionPress | FileReadings:
+    if request.pressure is not None:
+        return pressures_of(request.pressure, request.spacing_mm)
+    if request.shape is not None:
+        return press_of(request.shape, request.x_mm, request.doi_mm)
+    assert request.readings is not None
     try:
-        return read_readings(readings, finger)
+        return read_readings(request.readings, finger)
     except TableError as error:
         raise BadInputError(f"--readings {error}", error.code) from None
 

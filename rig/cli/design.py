@@ -1,10 +1,10 @@
 """`rig design`: choose presses that distinguish candidate measures within a session."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import typer
 
@@ -14,12 +14,13 @@ from rig.cli.options import (
     FingerFileOption,
     ForceFingerOption,
     JsonOption,
+    bounded,
     checked_file,
     numbers,
 )
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, refuse, repeats, takes
+from rig.cli.request import Excludes, Rule, refuse, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
 from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
@@ -36,14 +37,11 @@ from rig.design.design_text import (
     separation_line,
     verdict_lines,
 )
-from rig.design.design_text import (
-    as_json as design_as_json,
-)
+from rig.design.design_text import as_json as design_as_json
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
 from rig.design.power import power_rows
 from rig.design.recorded_counts import SessionVerdict
-from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
 from rig_shared.outputs import File, Output, Ratio
@@ -91,8 +89,7 @@ class DesignOptions:
     """Arguments and options of `rig design`."""
 
     candidates: Annotated[
-        str | None,
-        typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
+        str | None, typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures.")
     ] = None
     shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3"
     minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0
@@ -136,8 +133,7 @@ class DesignOptions:
         str, typer.Option(metavar="LOW,HIGH", help="Depth below the epidermis, in mm.", rich_help_panel=_FIBER)
     ] = "0.1,0.7"
     dispersion: Annotated[
-        str,
-        typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER),
+        str, typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER)
     ] = "1.5"
     drift: Annotated[
         float,
@@ -154,22 +150,24 @@ class DesignOptions:
     ] = 60.0
     as_json: JsonOption = False
 
+    rules: ClassVar[Sequence[Rule]] = (Excludes("--depths-mm", ("--forces-gwt",)),)
+
 
 @takes(DesignOptions)
 def command(request: DesignOptions) -> None:
     """Choose presses, check them, and write a protocol script and a page."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         began = time.perf_counter()
         page_file = request.to.with_suffix(".html") if request.out_file is None else request.out_file
         checked_file("--to", request.to, ".py")
         checked_file("--out", page_file, *HTML)
-        refuse(request, [Excludes("--depths-mm", ["--forces-gwt"])])
         option, targets = "--depths-mm", request.depths_mm
         if request.forces_gwt is not None:
             option, targets = "--forces-gwt", request.forces_gwt
         wanted = DesignRequest(
             shapes=_names(request.shapes),
-            minutes=_between("--minutes", request.minutes, 1, 240),
+            minutes=bounded("--minutes", request.minutes, 1, 240),
             kind="doi_mm" if request.forces_gwt is None else "force_gwt",
             unknowns=Unknowns(
                 _range("--rate-per-s", request.rate_per_s, 0.1, 1000),
@@ -177,11 +175,11 @@ def command(request: DesignOptions) -> None:
                 _range("--receptor-x-mm", request.receptor_x_mm, -5, 5),
                 _range("--receptor-below-mm", request.receptor_below_mm, 0.02, 3),
                 _range("--dispersion", request.dispersion, 0.05, 20),
-                _between("--drift", request.drift, 0, 100) / 100,
+                bounded("--drift", request.drift, 0, 100) / 100,
             ),
-            hold_s=_between("--hold-s", request.hold_s, 0.05, 60),
-            rest_s=_between("--rest-s", request.rest_s, 0, 3600),
-            change_s=_between("--change-s", request.change_s, 0, 3600),
+            hold_s=bounded("--hold-s", request.hold_s, 0.05, 60),
+            rest_s=bounded("--rest-s", request.rest_s, 0, 3600),
+            change_s=bounded("--change-s", request.change_s, 0, 3600),
             seed=request.seed,
             quick=request.quick,
             candidates=MEASURES if request.candidates is None else _names(request.candidates),
@@ -292,12 +290,6 @@ class ShownProgress:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(one.strip() for one in text.split(","))
-
-
-def _between(option: str, value: float, low: float, high: float) -> float:
-    if not low <= value <= high:
-        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}", "outside_range")
-    return value
 
 
 def _range(option: str, text: str, low: float, high: float) -> tuple[float, float]:

@@ -1,8 +1,9 @@
 """`rig encode`, `rig impulse` and `rig shift-invariance`: from pressure on the skin to receptor responses."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import typer
@@ -13,23 +14,25 @@ from rig.cli.coding_options import (
     INPUT,
     NOISE,
     SAMPLING,
+    SHARED_RULES,
+    AcrossOption,
     DepthOption,
+    DoiOption,
     EnergyOption,
     HalfLengthOption,
     NoisePlaceOption,
     SeedOption,
     SnrOption,
     SpacingOption,
-    bounded,
     named,
+    noise_of,
     press_of,
     pressures_of,
     sampling_of,
 )
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
+from rig.cli.options import FingertipOption, JsonOption, PictureOption, bounded, checked_picture, write_picture
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
-from rig.cli.request import takes
-from rig.errors import BadInputError
+from rig.cli.request import ExactlyOne, Rule, refuse, takes
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
@@ -235,18 +238,8 @@ class EncodeRequest:
             rich_help_panel=INPUT,
         ),
     ] = None
-    x_mm: Annotated[
-        float,
-        typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
-    ] = 0.0
-    doi_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D",
-            help="DOI, in mm. Default: none; --shape needs it.",
-            rich_help_panel=INPUT,
-        ),
-    ] = None
+    x_mm: AcrossOption = 0.0
+    doi_mm: DoiOption = None
     operator: Annotated[
         str,
         typer.Option(
@@ -278,25 +271,20 @@ class EncodeRequest:
     picture: PictureOption = None
     as_json: JsonOption = False
 
+    rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("--pressure", "--shape")), *SHARED_RULES)
+
 
 @takes(EncodeRequest)
 def encode_command(request: EncodeRequest) -> None:
     """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         kind, by = named("--energy", request.energy, ENERGIES), named("--operator", request.operator, OPERATORS)
         at, sampling = (
             named("--noise", request.noise, NOISE_PLACES),
             sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm),
         )
-        if (request.pressure is None) == (request.shape is None):
-            raise BadInputError("give exactly one of --pressure and --shape", "exactly_one")
-        added = (
-            None
-            if request.snr_db is None
-            else Noise(
-                bounded("--snr-db", request.snr_db, -40, 100), at, int(bounded("--seed", request.seed, 0, 2**32))
-            )
-        )
+        added = noise_of(request.snr_db, at, request.seed)
         receptor = (
             None
             if request.threshold is None
@@ -384,27 +372,35 @@ _FARTHEST = 0.75  # share of the half length, beyond which few receptors are lef
 Found = tuple[ImpulseResponses, ShiftErrors]
 
 
-def impulse_command(
-    spacing_mm: SpacingOption = SPACING_MM,
-    half_length: HalfLengthOption = HALF_LENGTH,
-    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    energy: EnergyOption = "finite",
-    config: FingertipOption = None,
-    picture: PictureOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True)
+class ImpulseRequest:
+    """Options of `rig impulse`."""
+
+    spacing_mm: SpacingOption = SPACING_MM
+    half_length: HalfLengthOption = HALF_LENGTH
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM
+    energy: EnergyOption = "finite"
+    config: FingertipOption = None
+    picture: PictureOption = None
+    as_json: JsonOption = False
+
+
+@takes(ImpulseRequest)
+def impulse_command(request: ImpulseRequest) -> None:
     """Print h, g, f, the difference of h from −g, and the error of shifting them, in skin and Cartesian axes."""
-    with one_line_errors(as_json=as_json):
-        kind = named("--energy", energy, ENERGIES)
-        samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
-        checked_picture(picture)
-        finger = load_config(config).finger
-        with busy("two plane-strain sections: building them, then computing the responses …", as_json=as_json):
-            found = {sampling.axes: _found(finger, sampling, kind) for sampling in samplings}
-        if picture is not None:
+    with one_line_errors(as_json=request.as_json):
+        kind = named("--energy", request.energy, ENERGIES)
+        sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
+        checked_picture(request.picture)
+        finger = load_config(request.config).finger
+        with busy(
+            "two plane-strain sections: building them, then computing the responses …", as_json=request.as_json
+        ):
+            found = {axes: _found(finger, replace(sampling, axes=axes), kind) for axes in AXES}
+        if request.picture is not None:
             with busy("drawing the figure …", quick=True):
-                _draw_impulse(found, picture)
-        if as_json:
+                _draw_impulse(found, request.picture)
+        if request.as_json:
             result: ImpulseJson = {
                 "energy": kind,
                 "skin": _as_json_impulse(*found["skin"]),
@@ -490,37 +486,43 @@ _BUSY = "24 point loads on the whole finger: loading from the cache, or computin
 _LINE_EVERY = 1000  # receptors between two lines without a spinner
 
 
-def shift_invariance_command(
+@dataclass(frozen=True)
+class ShiftInvarianceRequest:
+    """Options of `rig shift-invariance`."""
+
     force_gwt: Annotated[
         float, typer.Option(metavar="F", help="Force of each point load, 0.001 to 100 gwt.", rich_help_panel=SAMPLING)
-    ] = 1.0,
+    ] = 1.0
     half_width_mm: Annotated[
         float,
         typer.Option(
             metavar="MM", help="Half-width of the area around each site, 0.5 to 4 mm.", rich_help_panel=SAMPLING
         ),
-    ] = HALF_WIDTH_MM,
-    spacing_mm: SpacingOption = SITE_SPACING_MM,
-    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: FingertipOption = None,
-    picture: PictureOption = None,
-    as_json: JsonOption = False,
-) -> None:
+    ] = HALF_WIDTH_MM
+    spacing_mm: SpacingOption = SITE_SPACING_MM
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM
+    config: FingertipOption = None
+    picture: PictureOption = None
+    as_json: JsonOption = False
+
+
+@takes(ShiftInvarianceRequest)
+def shift_invariance_command(request: ShiftInvarianceRequest) -> None:
     """Fit SED = A / r^m under 24 equal point loads, and print A and m beside the source's Table 6.1."""
-    with one_line_errors(as_json=as_json):
+    with one_line_errors(as_json=request.as_json):
         sampled = Sampled(
-            bounded("--spacing-mm", spacing_mm, 0.05, 0.5),
-            bounded("--half-width-mm", half_width_mm, 0.5, 4.0),
-            bounded("--receptor-depth-mm", receptor_depth_mm, 0.1, 3.0),
-            bounded("--force-gwt", force_gwt, 1e-3, 100.0),
+            bounded("--spacing-mm", request.spacing_mm, 0.05, 0.5),
+            bounded("--half-width-mm", request.half_width_mm, 0.5, 4.0),
+            bounded("--receptor-depth-mm", request.receptor_depth_mm, 0.1, 3.0),
+            bounded("--force-gwt", request.force_gwt, 1e-3, 100.0),
         )
-        checked_picture(picture)
-        settings = load_config(config).finger
-        with busy(_BUSY, as_json=as_json):
-            found, deformed = cached_sites(settings, sampled, None if as_json else _report_progress)
-            if picture is not None:
-                _draw_shift_invariance(deformed, found.sites[DRAWN], picture)
-        if as_json:
+        checked_picture(request.picture)
+        settings = load_config(request.config).finger
+        with busy(_BUSY, as_json=request.as_json):
+            found, deformed = cached_sites(settings, sampled, None if request.as_json else _report_progress)
+            if request.picture is not None:
+                _draw_shift_invariance(deformed, found.sites[DRAWN], request.picture)
+        if request.as_json:
             print_json(_as_json_shift_invariance(found, sampled))
         else:
             _print_shift_invariance(found, sampled)

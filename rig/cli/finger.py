@@ -1,6 +1,7 @@
 """`rig finger` and `rig export-deck`: the mesh of a configuration, and a scene as a CalculiX deck."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, NotRequired
 
@@ -9,6 +10,7 @@ import typer
 
 from rig.cli.options import FingertipOption, JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.request import takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio, listed
@@ -221,41 +223,50 @@ def _doubts(found: FingerJson, config: FingertipConfig) -> Iterator[str]:
         )
 
 
-def export_deck_command(
-    shape: Annotated[str, typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.")],
-    x_mm: Annotated[float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.")],
-    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth of indentation (DOI), in mm.")],
-    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="CalculiX deck to write, a new file.")],
-    loads: Annotated[
-        bool, typer.Option("--loads", help="Write the contact forces as loads instead of contact.")
-    ] = False,
-    config: FingertipOption = None,
-) -> None:
+@dataclass(frozen=True)
+class ExportDeckRequest:
+    """Options of `rig export-deck`."""
+
+    shape: Annotated[str, typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.")]
+    x_mm: Annotated[float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.")]
+    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth of indentation (DOI), in mm.")]
+    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="CalculiX deck to write, a new file.")]
+    loads: Annotated[bool, typer.Option("--loads", help="Write the contact forces as loads instead of contact.")] = (
+        False
+    )
+    config: FingertipOption = None
+
+
+@takes(ExportDeckRequest)
+def export_deck_command(request: ExportDeckRequest) -> None:
     """Solve the scene, write it for CalculiX, and print the expected result."""
     with one_line_errors(as_json=False):
+        out_file = request.out_file
         if out_file.exists():
             raise BadInputError(f"--out {out_file}: the file already exists; choose another name", "exists_already")
         checked_file("--out", out_file, ".inp")
-        indentor = parse_shape(shape)
+        indentor = parse_shape(request.shape)
         if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
             raise BadInputError(
-                f"--shape {shape}: a deck supports only shapes that lie along the finger; choose one of them",
+                f"--shape {request.shape}: a deck supports only shapes that lie along the finger; choose one of them",
                 "not_along",
             )
-        settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
+        settings = load_config(request.config).finger
+        settings = settings.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         with busy(THE_FINGER):
             finger = Fingertip.load(settings)
-        with busy(f"pressing {shape} …", quick=True):
-            result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
+        with busy(f"pressing {request.shape} …", quick=True):
+            result = finger.indent(indentor, request.x_mm, doi_mm=request.doi_mm)
         meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
         with busy("writing the deck …", quick=True):
-            if loads:
+            if request.loads:
                 active = result.state.active
                 force = np.zeros((int(active.sum()), 3))
                 force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
                 write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
             else:
-                write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
+                touch_mm = result.touch_height_mm
+                write_contact_deck(out_file, meshed, indentor.profile, request.x_mm, touch_mm, request.doi_mm)
         if settings.mesh.element != "full":
             err.print('rig: CalculiX\'s C3D8 is fully integrated; to compare, set mesh.element = "full"')
         out.print(

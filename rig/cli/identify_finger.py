@@ -14,18 +14,29 @@ from rig.cli.confirm import confirmed_with, ready_for_a_real_run, refuse_mounts
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
+    MoreArgument,
     MountedOption,
     OutOption,
     SubjectOption,
     YesOption,
+    bounded,
     checked_file,
 )
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
-from rig.cli.run import prompt_for
-from rig.cli.script_execution import AtTheTerminal, RunOwner, code_of_end, leave, loaded, new_run, owning
+from rig.cli.run import on_the_bench
+from rig.cli.script_execution import (
+    AtTheTerminal,
+    RequestedRun,
+    RunOwner,
+    code_of_end,
+    leave,
+    loaded,
+    new_run,
+    owning,
+)
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
@@ -55,7 +66,7 @@ from rig.protocol.script import Script, load_script
 from rig.report.identification_page import ForceBand, IdentificationPage, write_identification_page
 from rig.report.page_source import source_line
 from rig.report.style import signed
-from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
+from rig.session.session import FinishedRun, NewRun, Session
 from rig.study.parallel import spread
 from rig.units import GWT_N, unit_of_key
 from rig_shared.outputs import Code, File, Output, Ratio, Shape, Toml, Unit
@@ -374,7 +385,7 @@ class IdentifyRequest:
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
     ] = None
-    more: Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")] = None
+    more: MoreArgument = None
     config: FingerConfigOption = None
     dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False
     to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml")
@@ -432,7 +443,8 @@ def identify_command(request: IdentifyRequest) -> None:
             refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
         stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
-        owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, request.config))
+        run = RequestedRun(as_script(_nothing_yet), settings, into, beginning.begins, request.as_json)
+        owner = opened.enter_context(owning(run, stage, request.config))
         process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
         with busy("checking the script …", quick=True):
@@ -454,11 +466,11 @@ def identify_command(request: IdentifyRequest) -> None:
             partial(print_after_press, identification, expected),
             partial(print_before_press, identification),
         )
-        session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
+        session = Session(script.as_script(), settings, finger, Plan(), into)
         if stage is not None:
             lines = page_lines(settings, options, expected)
             confirmed_with(lines, yes=request.yes, asking=owner.asking, button=owner.button)
-        done = _carried_out(session, script, owner, beginning, stage, request.mounted)
+        done = _carried_out(run, session, script, owner, on_the_bench(stage, owner, request.mounted))
         with busy("writing the finger file and the page …", quick=True):
             _write(done, identification, settings, request.to)
         _print(done, identification, request.to, as_json=request.as_json)
@@ -468,10 +480,7 @@ def identify_command(request: IdentifyRequest) -> None:
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
     if not 1 <= width <= 50:
         raise BadInputError(f"--width {width:g}: must be 1 to 50 %", "outside_range")
-    if not 1 <= most_gwt <= settings.limits.max_force_gwt:
-        raise BadInputError(
-            f"--most-gwt {most_gwt:g}: must be 1 to {settings.limits.max_force_gwt:g} gwt", "outside_range"
-        )
+    bounded("--most-gwt", most_gwt, 1, settings.limits.max_force_gwt)
 
 
 def _nothing_yet(rig: Rig) -> None:
@@ -488,21 +497,19 @@ def _stage(settings: Config, into: NewRun) -> OwnedStage:
 
 
 def _carried_out(
+    run: RequestedRun,
     session: Session,
     script: IdentificationScript,
     owner: RunOwner,
-    beginning: Beginning,
-    stage: OwnedStage | None,
-    mounted: str | None,
+    how: Callable[[Session], FinishedRun],
 ) -> FinishedRun:
     owner.at("running")
     # In a pipe each press has its own lines.
     shown = progress(script.identification.options.presses, None, as_json=True)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        attendant = IdentificationAttendant(pause, watch, beginning.begins, None, owner)
+        attendant = IdentificationAttendant(pause, watch, run.begins, None, owner)
         attendant.script = script
-        session = replace(session, attendant=attendant, button=owner.button)
-        done = dry_run(session) if stage is None else real_run(session, prompt_for(owner, mounted), stage)
+        done = how(replace(session, attendant=attendant, button=owner.button))
     owner.at("reporting")
     return done
 

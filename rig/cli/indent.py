@@ -1,25 +1,28 @@
 """`rig indent`: simulate one indentation with the requested model."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, NotRequired, get_args
+from typing import Annotated, ClassVar, Literal, NotRequired, get_args
 
 import numpy as np
 import typer
 from rich.table import Table
 
-from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
-from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.cli.request import takes
-from rig.compare.recordings.deflection import (
-    DeflectionJson,
-    SkinDeflection,
-    compared_deflection,
-    in_words,
-    read_skin_deflection,
+from rig.cli.options import (
+    MOST_FRICTION,
+    FingertipOption,
+    JsonOption,
+    bounded,
+    checked_picture,
+    numbers,
+    write_picture,
 )
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
+from rig.cli.request import Excludes, Needs, Rule, refuse, takes
+from rig.compare.recordings.deflection import DeflectionJson, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Code, Output, Range
@@ -182,24 +185,13 @@ class ModelRequest:
                 f"--quantity {quantity!r}: must be one or more of {', '.join(QUANTITIES)}, separated by commas",
                 "unknown_choice",
             )
-        if length_mm is not None and not (model in ("section", "auto") and 0 < length_mm <= _LONGEST_MM):
+        if length_mm is not None and not 0 < length_mm <= _LONGEST_MM:
             raise BadInputError(
-                f"--length-mm {length_mm:g}: must be more than 0 and at most {_LONGEST_MM:g} mm, with --model "
-                "section or auto",
-                "outside_range",
+                f"--length-mm {length_mm:g}: must be more than 0 and at most {_LONGEST_MM:g} mm", "outside_range"
             )
         aim = Aim(quantities, _fraction(tolerance or TOLERANCE), per_length=length_mm is not None)
-        for option, given in (("--tol", tolerance), ("--quantity", quantity)):
-            if given is not None and model != "auto":
-                raise BadInputError(f"{option} {given} requires --model auto; add it", "needs_option")
         named = next((name for name in MODELS if name == model), None)
         return cls(named, aim, length_mm)
-
-    def for_point(self) -> Chosen:
-        """Return the named model; raise BadInputError if it accepts no point load."""
-        if self.model not in ("finger", "section"):
-            raise BadInputError("--shape point requires --model finger or section", "no_point_loads")
-        return self._requested(self.model)
 
     def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
         """Refuse options that a choice of model cannot use."""
@@ -215,35 +207,27 @@ class ModelRequest:
                 "--model auto computes no receptors for force alone; add --quantity sed or ep1", "receptors_unmade"
             )
 
-    def choose(
-        self,
-        indentor: Indentor,
-        x_mm: float,
-        z_mm: float | None,
-        doi_mm: float | None,
-        force_gwt: float | None,
-        *,
-        reference: Literal["contact", "apex"],
-        config: FingertipConfig,
-    ) -> Chosen:
-        """Return the named model, or the cheapest that meets the tolerance; raise NoModelError if none does."""
-        if self.model is not None:
-            return self._requested(self.model, config)
+    def named(self, config: FingertipConfig) -> Chosen | None:
+        """Return the named model, or None if it is to be chosen."""
+        if self.model is None:
+            return None
+        return Chosen(
+            self.model, None, self.length_mm, modulus_of(config.tissue) if self.model == "halfspace" else None
+        )
+
+    def choose(self, press: "IndentRequest", indentor: Indentor, config: FingertipConfig) -> Chosen:
+        """Return the cheapest model that meets the tolerance; raise NoModelError if none does."""
         found = choose(
             indentor,
-            x_mm,
-            z_mm=z_mm,
-            doi_mm=doi_mm,
-            force_gwt=force_gwt,
+            press.x_mm or 0.0,
+            z_mm=press.z_mm,
+            doi_mm=press.doi_mm,
+            force_gwt=press.force_gwt,
             aim=self.aim,
-            reference=reference,
+            reference=_reference(press.reference),
             config=config,
         )
         return Chosen(found.model, found, self.length_mm)
-
-    def _requested(self, model: ModelName, config: FingertipConfig | None = None) -> Chosen:
-        modulus = modulus_of(config.tissue) if config is not None and model == "halfspace" else None
-        return Chosen(model, None, self.length_mm, modulus)
 
 
 def _fraction(text: str) -> float:
@@ -275,9 +259,7 @@ class IndentRequest:
     doi_mm: Annotated[
         float | None,
         typer.Option(
-            metavar="D",
-            help="Depth of indentation (DOI), in mm. Give this or --force-gwt.",
-            rich_help_panel=_PRESS,
+            metavar="D", help="Depth of indentation (DOI), in mm. Give this or --force-gwt.", rich_help_panel=_PRESS
         ),
     ] = None
     force_gwt: Annotated[
@@ -380,42 +362,38 @@ class IndentRequest:
     ] = False
     as_json: JsonOption = False
 
+    rules: ClassVar[Sequence[Rule]] = (
+        Needs("--tol", ("--model auto",)),
+        Needs("--quantity", ("--model auto",)),
+        Needs("--length-mm", ("--model section", "--model auto")),
+        Excludes("--friction", ("--model auto", "--other-paths", "--shape point"), "friction_with"),
+        Needs("--shape point", ("--model finger", "--model section"), "no_point_loads"),
+        Needs("--shape point", ("--force-gwt",), "point_load"),
+        Excludes("--shape point", ("--doi-mm",), "point_load", "a point load has no depth"),
+        Excludes("--shape point", ("--picture",), "point_load", "a point load has no contact to plot"),
+        Excludes("--shape point", ("--deflection",), "point_load", "a point load has no stored skin deflection"),
+    )
+
 
 @takes(IndentRequest)
 def indent_command(request: IndentRequest) -> None:
     """Press once and print force, contact and receptor measures."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
-        _refuse_friction(
-            checked_friction(request.friction), request.shape, request.model, other_paths=request.other_paths
-        )
+        bounded("--friction", request.friction, 0, MOST_FRICTION)
         settings = load_config(request.config)
-        receptors = _receptors(request.receptor_x_mm, request.receptor_depth_mm, request.receptor_z_mm)
+        receptors = _receptors(request)
         origin = _reference(request.reference)
-        _refuse_picture(request.picture, request.shape)
-        measured = _measured(request.deflection, request.shape)
+        checked_picture(request.picture)
+        measured = None if request.deflection is None else read_skin_deflection(request.deflection)
         indentor = None if request.shape == "point" else parse_shape(request.shape)
-        _refuse_place(request.shape, indentor, request.x_mm, request.z_mm)
+        _refuse_place(request, indentor)
         if indentor is None:
-            pressed = wanted.for_point()
-            force = pressed.force_per_mm(_force_of_point(request.doi_mm, request.force_gwt))
-            assert force is not None
-            with busy(THE_FINGER, quick=True):
-                finger = pressed.load(settings.finger, ALONG, receptors)
-            with busy("pressing a point …", quick=True):
-                loaded = finger.point_load(request.x_mm or 0.0, force, z_mm=request.z_mm)
-            _print_point_load(loaded, pressed, finger.build_s, as_json=request.as_json)
+            _load_a_point(request, wanted.named(settings.finger), settings.finger, receptors)
             return
         wanted.refuse(settings.finger, receptors)
-        chosen = wanted.choose(
-            indentor,
-            request.x_mm or 0.0,
-            request.z_mm,
-            request.doi_mm,
-            request.force_gwt,
-            reference=origin,
-            config=settings.finger,
-        )
+        chosen = wanted.named(settings.finger) or wanted.choose(request, indentor, settings.finger)
         if chosen.choice is not None and not request.as_json:
             out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
         with busy(THE_FINGER, quick=True):
@@ -452,51 +430,36 @@ def indent_command(request: IndentRequest) -> None:
             raise typer.Exit(ExitCode.STOPPED)
 
 
-def _receptors(x_mm: str | None, depth_mm: str, z_mm: str | None) -> ReceptorPlaces:
-    x = DEFAULT_X_MM if x_mm is None else numbers("--receptor-x-mm", x_mm)
-    depths = numbers("--receptor-depth-mm", depth_mm)
+def _load_a_point(
+    request: IndentRequest, chosen: Chosen | None, config: FingertipConfig, receptors: ReceptorPlaces
+) -> None:
+    assert chosen is not None
+    force = chosen.force_per_mm(request.force_gwt)
+    assert force is not None
+    with busy(THE_FINGER, quick=True):
+        finger = chosen.load(config, ALONG, receptors)
+    with busy("pressing a point …", quick=True):
+        loaded = finger.point_load(request.x_mm or 0.0, force, z_mm=request.z_mm)
+    _print_point_load(loaded, chosen, finger.build_s, as_json=request.as_json)
+
+
+def _receptors(request: IndentRequest) -> ReceptorPlaces:
+    x = DEFAULT_X_MM if request.receptor_x_mm is None else numbers("--receptor-x-mm", request.receptor_x_mm)
+    depths = numbers("--receptor-depth-mm", request.receptor_depth_mm)
     for depth in depths:
-        if not 0.1 <= depth <= 3.0:
-            raise BadInputError(f"--receptor-depth-mm {depth:g}: must be 0.1 to 3.0 mm", "outside_range")
-    return ReceptorPlaces(x, depths, None if z_mm is None else numbers("--receptor-z-mm", z_mm))
+        bounded("--receptor-depth-mm", depth, 0.1, 3.0)
+    z_mm = None if request.receptor_z_mm is None else numbers("--receptor-z-mm", request.receptor_z_mm)
+    return ReceptorPlaces(x, depths, z_mm)
 
 
-def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
-    by = BOTH if indentor is None else indentor.placed_by
-    if not by and not x_mm is z_mm is None:
-        raise BadInputError(f"--shape {shape} is the same everywhere; remove --x-mm and --z-mm", "no_place")
-    if x_mm is not None and X not in by:
-        raise BadInputError(f"--shape {shape} lies across the finger; use --z-mm instead of --x-mm", "placed_by_z")
-    if z_mm is not None and Z not in by:
-        raise BadInputError(f"--shape {shape} lies along the finger; use --x-mm instead of --z-mm", "placed_by_x")
-
-
-def _refuse_friction(friction: float, shape: str, model: str, *, other_paths: bool) -> None:
-    if not friction:
-        return
-    for option, given in (
-        ("--model auto", model == "auto"),
-        ("--other-paths", other_paths),
-        ("--shape point", shape == "point"),
-    ):
-        if given:
-            raise BadInputError(f"--friction and {option} cannot be combined; remove one", "friction_with")
-
-
-def _refuse_picture(picture: Path | None, shape: str) -> None:
-    if picture is not None and shape == "point":
-        raise BadInputError("--picture: a point load has no contact to plot; choose an indentor", "point_load")
-    checked_picture(picture)
-
-
-def _measured(deflection: Path | None, shape: str) -> SkinDeflection | None:
-    if deflection is None:
-        return None
-    if shape == "point":
-        raise BadInputError(
-            "--deflection: a point load has no stored skin deflection; choose an indentor", "point_load"
-        )
-    return read_skin_deflection(deflection)
+def _refuse_place(request: IndentRequest, indentor: Indentor | None) -> None:
+    shape, by = f"--shape {request.shape}", BOTH if indentor is None else indentor.placed_by
+    if not by and not request.x_mm is request.z_mm is None:
+        raise BadInputError(f"{shape} is the same everywhere; remove --x-mm and --z-mm", "no_place")
+    if request.x_mm is not None and X not in by:
+        raise BadInputError(f"{shape} lies across the finger; use --z-mm instead of --x-mm", "placed_by_z")
+    if request.z_mm is not None and Z not in by:
+        raise BadInputError(f"{shape} lies along the finger; use --x-mm instead of --z-mm", "placed_by_x")
 
 
 def _draw(result: IndentationResult, picture: Path) -> None:
@@ -504,12 +467,6 @@ def _draw(result: IndentationResult, picture: Path) -> None:
 
     title = f"{result.indentor.name} {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
     write_picture(contacts_from_below([result], [title]), picture)
-
-
-def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
-    if doi_mm is not None or force_gwt is None:
-        raise BadInputError("--shape point takes no depth; use --force-gwt", "point_load")
-    return force_gwt
 
 
 def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:

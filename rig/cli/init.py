@@ -98,17 +98,13 @@ class InitRequest:
     sensor_port: Annotated[
         str | None,
         typer.Option(
-            metavar="PORT",
-            help="Port of the force sensor. Default: where one is found.",
-            rich_help_panel=_DEVICES,
+            metavar="PORT", help="Port of the force sensor. Default: where one is found.", rich_help_panel=_DEVICES
         ),
     ] = None
     travel_mm: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z",
-            help="Travel of the axes from home, in mm. Default: prompted.",
-            rich_help_panel=_ANSWERS,
+            metavar="X,Y,Z", help="Travel of the axes from home, in mm. Default: prompted.", rich_help_panel=_ANSWERS
         ),
     ] = None
     steps_per_mm: Annotated[
@@ -131,9 +127,7 @@ class InitRequest:
     trip_n: Annotated[
         str | None,
         typer.Option(
-            metavar="N",
-            help="Force that trips a run, in N, at most 5. Default: prompted.",
-            rich_help_panel=_ANSWERS,
+            metavar="N", help="Force that trips a run, in N, at most 5. Default: prompted.", rich_help_panel=_ANSWERS
         ),
     ] = None
     finger: Annotated[
@@ -167,19 +161,12 @@ def init_command(request: InitRequest) -> None:
         for room in WORDS:
             _refuse_unknown_kind(room, given[room].kind)
         found = _looked_at(_ports(request.port, given), quiet=request.as_json and not err.is_terminal)
-        answers = {
-            "travel_mm": request.travel_mm,
-            "steps_per_mm": request.steps_per_mm,
-            "range_gwt": request.range_gwt,
-            "trip_n": request.trip_n,
-            "finger": request.finger,
-        }
         talk = _Talk(interactive=not request.yes and sys.stdin.isatty() and sys.stderr.isatty())
         draft = _Draft()
         for room in WORDS:
             _choose(room, given[room], found, draft, talk)
         for question in QUESTIONS:
-            question.settle(answers[question.name], draft, talk)
+            question.settle(getattr(request, question.name), draft, talk)
         talk.refuse_missing()
         config = draft.config()
         refuse_bench(config)

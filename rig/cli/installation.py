@@ -4,13 +4,13 @@ import os
 import platform
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, NotRequired
+from typing import Annotated, Any, ClassVar, NotRequired
 
 import typer
 from serial.tools import list_ports
@@ -30,6 +30,7 @@ from rig.cli.device_catalogue import DeviceKindJson
 from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
+from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.data.folder import FileSizeJson
 from rig.data.run import PackageJson
@@ -184,46 +185,51 @@ class BugReportJson(Output):
     left_out_text: list[str]
 
 
-def config_command(
+@dataclass(frozen=True)
+class ConfigRequest:
+    """Arguments and options of `rig config`."""
+
     key: Annotated[
         str | None, typer.Argument(metavar="KEY", help="Key or table to print, e.g. limits. Default: all.")
-    ] = None,
-    config: FingerConfigOption = None,
+    ] = None
+    config: FingerConfigOption = None
     devices: Annotated[
         bool, typer.Option("--devices", help="Print what each kind of device was tested with, and its speed.")
-    ] = False,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = False
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")] = (
+        False
+    )
+    as_json: JsonOption = False
+
+    rules: ClassVar[Sequence[Rule]] = (Excludes("KEY", ("--devices",), "not_together"),)
+
+
+@takes(ConfigRequest)
+def config_command(request: ConfigRequest) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
-    with one_line_errors(as_json=as_json):
-        if devices:
-            _print_devices(key, markdown=markdown, as_json=as_json)
+    with one_line_errors(as_json=request.as_json):
+        refuse(request)
+        if request.devices:
+            _print_devices(markdown=request.markdown, as_json=request.as_json)
             return
-        loaded = load_config(config)
-        others = keys_of_other_kinds(loaded) if markdown or key is not None else ()
-        found = _named([*keys(loaded), *others], key)
-        if as_json:
+        loaded = load_config(request.config)
+        others = keys_of_other_kinds(loaded) if request.markdown or request.key is not None else ()
+        found = _named([*keys(loaded), *others], request.key)
+        if request.as_json:
             configuration: ConfigurationJson = {"keys": [_described(one) for one in found]}
             print_json(configuration)
         else:
-            out.print(
-                _page(found) if markdown else _file(found), markup=False, highlight=False, soft_wrap=True, end=""
-            )
+            out.print(_page(found) if request.markdown else _file(found), end="")
 
 
-def _print_devices(key: str | None, *, markdown: bool, as_json: bool) -> None:
-    """Print the catalogue of devices. Raises BadInputError with a key."""
-    if key is not None:
-        raise BadInputError("KEY and --devices cannot be combined; give one of them", "not_together")
+def _print_devices(*, markdown: bool, as_json: bool) -> None:
+    """Print the catalogue of devices."""
     if as_json:
         catalogue: device_catalogue.DeviceCatalogueJson = {"devices": device_catalogue.as_json()}
         print_json(catalogue)
         return
     text = device_catalogue.as_markdown() if markdown else device_catalogue.as_text()
-    out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
+    out.print(text, end="")
 
 
 def _named(every: Sequence[Key], name: str | None) -> list[Key]:
@@ -278,22 +284,28 @@ _ABOUT = {
 }
 
 
-def cache_command(
-    prune_it: Annotated[bool, typer.Option("--prune", help="Delete the least recently used entries.")] = False,
+@dataclass(frozen=True)
+class CacheRequest:
+    """Options of `rig cache`."""
+
+    prune: Annotated[bool, typer.Option("--prune", help="Delete the least recently used entries.")] = False
     keep_gb: Annotated[
-        float,
-        typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0),
-    ] = 0.0,
-    as_json: JsonOption = False,
-) -> None:
+        float, typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0)
+    ] = 0.0
+    as_json: JsonOption = False
+
+    rules: ClassVar[Sequence[Rule]] = (Needs("--keep-gb", ("--prune",)),)
+
+
+@takes(CacheRequest)
+def cache_command(request: CacheRequest) -> None:
     """List cached results; with --prune delete the least recently used ones."""
-    with one_line_errors(as_json=as_json):
-        if keep_gb and not prune_it:
-            raise BadInputError(f"--keep-gb {keep_gb:g} requires --prune; add it", "needs_option")
+    with one_line_errors(as_json=request.as_json):
+        refuse(request)
         limit_gb = most_bytes() / 1e9
-        removed = prune(1e9 * keep_gb) if prune_it else []
+        removed = prune(1e9 * request.keep_gb) if request.prune else []
         kept = entries()
-        if as_json:
+        if request.as_json:
             cache: CacheJson = {
                 "folder": str(cache_dir()), "entries": [_as_json(entry) for entry in kept], "bytes": _bytes(kept),
                 "limit_gb": limit_gb, "removed": len(removed), "removed_bytes": _bytes(removed),
@@ -301,7 +313,7 @@ def cache_command(
             print_json(cache)
             return
         _print(kept, limit_gb)
-        if prune_it:
+        if request.prune:
             out.print(f"removed     {number_of(len(removed), 'files')}, {_megabytes(removed)}")
 
 
@@ -343,8 +355,7 @@ def doctor_command(
         Path | None, typer.Option(metavar="TOML", help="Configuration whose devices are checked. Default: none.")
     ] = None,
     bundle: Annotated[
-        Path | None,
-        typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject."),
+        Path | None, typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

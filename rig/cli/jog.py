@@ -1,7 +1,8 @@
 """`rig jog`: move an axis while a key is held, or by a distance."""
 
-from collections.abc import Callable
-from typing import Annotated, NotRequired, get_args
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NotRequired, get_args
 
 import typer
 
@@ -9,6 +10,7 @@ from rig.cli.bench import HomedJson, by_hand, live_line, print_entries
 from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
+from rig.cli.request import Needs, Rule, refuse, takes
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
@@ -38,31 +40,46 @@ class JoggedJson(HomedJson):
     code: NotRequired[Code]
 
 
-def command(
-    config: ConfigOption,
+@dataclass(frozen=True)
+class JogRequest:
+    """Options of `rig jog`."""
+
+    config: ConfigOption
     axis: Annotated[
         str | None, typer.Option(metavar="x|y|z", help="Axis to move by --by-mm: x across, y along, z up.")
-    ] = None,
+    ] = None
     by_mm: Annotated[
         float | None,
         typer.Option(
             metavar="D",
             help="Signed distance, in mm; nonzero, up to 1000 either way. Default: move while a key is held.",
         ),
-    ] = None,
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", help="Speed of the axis, 0.017 to 10 mm/s.")] = 1.0,
-    without_force: WithoutForceOption = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    speed_mm_s: Annotated[float, typer.Option(metavar="V", help="Speed of the axis, 0.017 to 10 mm/s.")] = 1.0
+    without_force: WithoutForceOption = False
+    as_json: JsonOption = False
+
+    rules: ClassVar[Sequence[Rule]] = (
+        Needs("--axis", ("--by-mm",), "both_or_neither"),
+        Needs("--by-mm", ("--axis",), "both_or_neither"),
+    )
+
+
+@takes(JogRequest)
+def command(request: JogRequest) -> None:
     """Move an axis; it stops within the travel of 0.2 s if the key, this process or the connection is lost."""
-    with one_line_errors(as_json=as_json):
-        settings = load_config(config)
+    with one_line_errors(as_json=request.as_json):
+        refuse(request)
+        settings, speed_mm_s = load_config(request.config), request.speed_mm_s
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
             raise BadInputError(
                 f"--speed-mm-s {speed_mm_s:g}: must be {SLOWEST_MM_S:.2g} to {FASTEST_MM_S:g} mm/s", "outside_range"
             )
-        target = _target(axis, by_mm)
-        with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, clock):
+        target = None if request.axis is None or request.by_mm is None else way(request.axis, request.by_mm)
+        with (
+            live_line(settings) as show,
+            by_hand(settings, show, without_force=request.without_force) as (hand, clock),
+        ):
             if target is None:
                 with resting():
                     moved = _jog_by_keys(hand, clock, speed_mm_s)
@@ -86,21 +103,10 @@ def command(
         }
         if moved.problem is not None:
             found["code"] = moved.problem.code
-        print_entries(found, as_json=as_json)
+        print_entries(found, as_json=request.as_json)
     if moved.ended_by is not None:
         complain(f"stopped: {moved.ended_by}")
         raise typer.Exit(ExitCode.STOPPED)
-
-
-def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | None:
-    if axis is None and by_mm is None:
-        return None
-    if axis is None or by_mm is None:
-        raise BadInputError(
-            "--axis and --by-mm require each other: add the missing one, or omit both to jog by keys",
-            "both_or_neither",
-        )
-    return way(axis, by_mm)
 
 
 def way(axis: str, by_mm: float) -> tuple[Direction, float]:

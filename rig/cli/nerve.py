@@ -1,13 +1,15 @@
 """`rig nerve`: add the spikes of simulated afferents to a run."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.options import JsonOption, checked_file
+from rig.cli.options import JsonOption, RunArgument, bounded, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
+from rig.cli.request import takes
 from rig.data.run import Run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
@@ -65,43 +67,47 @@ class NerveJson(SpikesJson):
     report: File
 
 
-def nerve_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
-    afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS,
-    seed: Annotated[
-        int, typer.Option(metavar="N", help="Seed of the random locations, sensitivities and noise.")
-    ] = 0,
+@dataclass(frozen=True)
+class NerveRequest:
+    """Arguments and options of `rig nerve`."""
+
+    run: RunArgument
+    afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random locations, sensitivities and noise.")] = 0
     path_m: Annotated[
         float, typer.Option(metavar="M", help="Length of the nerve from the fingertip to the electrode, in m.")
-    ] = 0.2,
-    as_json: JsonOption = False,
-) -> None:
+    ] = 0.2
+    as_json: JsonOption = False
+
+
+@takes(NerveRequest)
+def nerve_command(request: NerveRequest) -> None:
     """Simulate spikes during a run, write them to its folder, and update its report. They are synthetic, not data."""
-    with one_line_errors(as_json=as_json):
-        wanted = spike_request(afferents, seed, path_m)
+    with one_line_errors(as_json=request.as_json):
+        wanted = spike_request(request.afferents, request.seed, request.path_m)
         with busy("reading the run …", quick=True):
-            found = recorded_run(run)
+            found = recorded_run(request.run)
         checked_file("RUN", found.folder.report)
-        with foreign_in_one_line(run):
+        with foreign_in_one_line(request.run):
             settings = load_config(found.folder.config)
-            with busy(THE_FINGER, as_json=as_json):
+            with busy(THE_FINGER, as_json=request.as_json):
                 from rig.plan.nerve import visits_of
                 from sim.models.fingertip import Fingertip
 
                 finger = Fingertip.load(settings.finger)
-            with busy("drawing the afferents, and when they fire …", as_json=as_json):
+            with busy("drawing the afferents, and when they fire …", as_json=request.as_json):
                 begun = visits_of(found, settings), wanted.drawn(finger)
                 from rig.plan.nerve import firing_speeds, presses_of_visits
 
                 speeds = firing_speeds(finger, begun[1], presses_of_visits(found, begun[0]))
-            print_firing(speeds, as_json=as_json)
+            print_firing(speeds, as_json=request.as_json)
             with found.folder.owned():
-                answer = _add(finger, found, wanted, *begun, as_json=as_json)
+                answer = _add(finger, found, wanted, *begun, as_json=request.as_json)
                 from rig.cli.runs import renewed_report  # `rig run` does without
 
-                renewed_report(found, finger, {Path(name).name for name in answer["files"]}, as_json=as_json)
+                renewed_report(found, finger, {Path(name).name for name in answer["files"]}, as_json=request.as_json)
         report = found.folder.report
-        if as_json:
+        if request.as_json:
             reported: NerveJson = {**answer, "report": str(report)}
             print_json(reported)
         else:
@@ -142,8 +148,7 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
     from rig.plan.nerve import SpikeRequest
 
-    if not 0 <= seed < MOST_SEED:
-        raise BadInputError(f"--seed {seed:g}: must be 0 to {MOST_SEED - 1:g}", "outside_range")
+    bounded("--seed", seed, 0, MOST_SEED - 1)
     if not 0 < path_m <= MOST_PATH_M:
         raise BadInputError(f"--path-m {path_m:g}: must be more than 0 and at most {MOST_PATH_M:g}", "outside_range")
     wanted = SpikeRequest(afferents, seed, path_m)

@@ -10,23 +10,22 @@ import typer
 from rig.errors import BadInputError
 
 if TYPE_CHECKING:
-    from rig.report.style import Plot
+    from rig.report.plot import Plot
 
 
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")]
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter, KEY=VALUE. May be repeated.")
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folder.")]
 SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Pseudonym of the subject, e.g. S07.")]
 FingerConfigOption = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="TOML", help="Rig and finger configuration. Default: built-in."),
+    Path | None, typer.Option("--config", metavar="TOML", help="Rig and finger configuration. Default: built-in.")
 ]
 FingertipOption = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values."),
+    Path | None, typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values.")
 ]
 FingerFileOption = Annotated[
     Path | None,
@@ -56,11 +55,11 @@ ExactOption = Annotated[
 MOST_FRICTION = 10.0
 
 
-def checked_friction(friction: float) -> float:
-    """Return the friction coefficient of --friction; raise BadInputError if it is out of range."""
-    if not 0 <= friction <= MOST_FRICTION:
-        raise BadInputError(f"--friction {friction:g}: must be 0 to {MOST_FRICTION:g}", "outside_range")
-    return friction
+def bounded(option: str, value: float, low: float, high: float) -> float:
+    """Return the value; raise BadInputError if it is out of bounds."""
+    if not low <= value <= high:
+        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}{unit_of(option)}", "outside_range")
+    return value
 
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
@@ -91,21 +90,7 @@ def _range(first: float, last: float, step: float) -> list[float]:
     return [round(first + k * step, 9) for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
-_OF_A_KIND = (
-    ".py",
-    ".toml",
-    ".html",
-    ".htm",
-    ".csv",
-    ".xlsx",
-    ".pdf",
-    ".inp",
-    ".json",
-    ".svg",
-    ".png",
-    ".nwb",
-    ".mat",
-)
+_ENDINGS = (".py", ".toml", ".html", ".htm", ".csv", ".xlsx", ".pdf", ".inp", ".json", ".svg", ".png", ".nwb", ".mat")
 
 
 HTML = (".html", ".htm")
@@ -117,7 +102,7 @@ def checked_file(option: str, path: Path, *endings: str) -> Path:
 
     A name with the ending of another kind of file is refused: it may be the user's script or data.
     """
-    if endings and path.suffix.casefold() in set(_OF_A_KIND) - set(endings):
+    if endings and path.suffix.casefold() in set(_ENDINGS) - set(endings):
         raise BadInputError(f"{option} {path}: must end in {' or '.join(endings)}", "other_ending")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(

@@ -4,6 +4,7 @@ import os
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ import typer
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import complain, err, one_line_errors, out, print_json, resting
+from rig.cli.request import takes
 from rig.cli.signals import at_once, leaving_on_signal
 from rig.clock import WallClock
 from rig.control.client import Announcement
@@ -42,35 +44,41 @@ class PanelJson(Output):
     pid: int
 
 
-def panel_command(
+@dataclass(frozen=True)
+class PanelRequest:
+    """Options of `rig panel`."""
+
     config: Annotated[
         Path | None, typer.Option(metavar="TOML", help="Configuration of the rig. Default: manual control off.")
-    ] = None,
-    out_dir: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder that contains the run folders.")
-    ] = Path("runs"),
+    ] = None
+    out_dir: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder that contains the run folders.")] = (
+        Path("runs")
+    )
     port: Annotated[
         int, typer.Option(metavar="N", help="TCP port on this machine, 1024 to 65535; 0 selects a free port.")
-    ] = 0,
+    ] = 0
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser, or do not.")
-    ] = True,
-    as_json: JsonOption = False,
-) -> None:
+    ] = True
+    as_json: JsonOption = False
+
+
+@takes(PanelRequest)
+def panel_command(request: PanelRequest) -> None:
     """Print the address of the page, and serve it until Ctrl-C; a run continues without it."""
-    with one_line_errors(as_json=as_json):
-        if port != 0 and not _LOWEST_PORT <= port <= 65535:
+    with one_line_errors(as_json=request.as_json):
+        if request.port != 0 and not _LOWEST_PORT <= request.port <= 65535:
             raise BadInputError(
-                f"--port {port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
+                f"--port {request.port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
             )
-        panel = _panel(config, out_dir, port)
-        if as_json:
+        panel = _panel(request.config, request.out_dir, request.port)
+        if request.as_json:
             found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
             print_json(found)
         else:
             out.print(panel.url)
             err.print("press Ctrl-C to close the panel; a running protocol continues")
-        with _shown(panel.url) if browser and not as_json else _not_shown(), resting():
+        with _shown(panel.url) if request.browser and not request.as_json else _not_shown(), resting():
             panel.serve()
 
 

@@ -2,24 +2,30 @@
 
 import inspect
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import MISSING, fields
 from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 from typer.models import ArgumentInfo, ParameterInfo
 
 from rig.errors import BadInputError
+from rig.printable import either
 
 R = TypeVar("R")
 
 
-class _Option(NamedTuple):
+class Option(NamedTuple):
     """Field of a request, with its name on the command line; arguments have none."""
 
     field: str
     name: str
     hint: Any
     usual: Any  # MISSING if it is required
+
+    @property
+    def label(self) -> str:
+        """Name in sentences and rules; of an argument, its field in capitals."""
+        return self.name or self.field.upper()
 
     def is_given(self, request: object) -> bool:
         """Return whether a request has another value than without the option."""
@@ -44,7 +50,7 @@ def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., Non
         def run(**given: Any) -> None:
             carry_out(request(**given))
 
-        options = list(_options(request))
+        options = options_of(request)
         run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
             inspect.Parameter(
                 one.field, inspect.Parameter.KEYWORD_ONLY, annotation=one.hint,
@@ -54,6 +60,7 @@ def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., Non
         ])  # fmt: skip
         run.__annotations__ = {one.field: one.hint for one in options}
         run.__doc__, run.__module__, run.__name__ = carry_out.__doc__, carry_out.__module__, carry_out.__name__
+        run.request = request  # type: ignore[attr-defined]
         return run
 
     return command
@@ -65,42 +72,82 @@ class Excludes(NamedTuple):
     option: str
     others: Sequence[str]
     code: str = "cannot_combine"
+    because: str = ""
+
+
+class Alone(NamedTuple):
+    """Option that cannot be combined with any other, but for some."""
+
+    option: str
+    but: Sequence[str]
+    code: str = "cannot_combine"
+    because: str = ""
 
 
 class Needs(NamedTuple):
-    """Option that has an effect only with another one."""
+    """Option that has an effect only with one of others."""
 
     option: str
-    other: str
+    others: Sequence[str]
+    code: str = "needs_option"
 
 
-def refuse(request: object, rules: Sequence[Excludes | Needs]) -> None:
-    """Raise BadInputError for the first rule between options that a request breaks."""
-    given = {one.name for one in _options(type(request)) if one.is_given(request)}
+class ExactlyOne(NamedTuple):
+    """Options of which a request has one."""
+
+    options: Sequence[str]
+    code: str = "exactly_one"
+
+
+Rule = Excludes | Alone | Needs | ExactlyOne
+"""Rule between options; it names an option, an option with its value, as "--model auto", or an argument, as "RUN"."""
+
+
+def refuse(request: object) -> None:
+    """Raise BadInputError for the first of its class's `rules` between options that a request breaks."""
+    given = given_options(request)
+    values = [f"{one.label} {getattr(request, one.field)}" for one in options_of(type(request))]
+    rules: Sequence[Rule] = getattr(type(request), "rules", ())
     for rule in rules:
-        if isinstance(rule, Needs) and rule.option in given and rule.other not in given:
-            raise BadInputError(f"{rule.option} requires {rule.other}; add it", "needs_option")
-        if isinstance(rule, Excludes) and rule.option in given:
-            for other in (other for other in rule.others if other in given):
-                raise BadInputError(f"{rule.option} and {other} cannot be combined; remove one", rule.code)
+        if isinstance(rule, Alone):
+            others = [one for one in given if one not in (rule.option, *rule.but)]
+            rule = Excludes(rule.option, others, rule.code, rule.because)
+        if (problem := _problem(rule, {*given, *values})) is not None:
+            raise BadInputError(problem, rule.code)
+
+
+def _problem(rule: Excludes | Needs | ExactlyOne, given: Set[str]) -> str | None:
+    """Return what is wrong with a request that has these options."""
+    if isinstance(rule, ExactlyOne):
+        *others, last = rule.options
+        return f"give exactly one of {', '.join(others)} and {last}" if len(given & {*rule.options}) != 1 else None
+    there = [one for one in rule.others if one in given]
+    if rule.option not in given or bool(there) is isinstance(rule, Needs):
+        return None
+    if isinstance(rule, Needs):
+        return f"{rule.option} requires {either(rule.others)}; add {'one' if len(rule.others) > 1 else 'it'}"
+    why = rule.because and f": {rule.because}"
+    return f"{rule.option} and {there[0]} cannot be combined{why}; remove one"
 
 
 def given_options(request: object, *, without: Sequence[str] = ()) -> list[str]:
     """Return the names of the options that a request has, without some; of an argument, its field in capitals."""
-    found = (one for one in _options(type(request)) if one.is_given(request))
-    return [name for one in found if (name := one.name or one.field.upper()) not in without]
+    found = (one.label for one in options_of(type(request)) if one.is_given(request))
+    return [label for label in found if label not in without]
 
 
 def repeats(command: str, request: object, *, without: Sequence[str] = ()) -> str:
     """Return the command line of the same request, without some options."""
-    kept = (one for one in _options(type(request)) if one.name not in without)
+    kept = (one for one in options_of(type(request)) if one.name not in without)
     return shlex.join(["rig", command, *(word for one in kept for word in one.words(request))])
 
 
-def _options(request: type) -> Iterator[_Option]:
-    hints = get_type_hints(request, include_extras=True)
+def options_of(request: type) -> list[Option]:
+    """Return the arguments and options of a request, the required ones first."""
+    hints, found = get_type_hints(request, include_extras=True), []
     for one in fields(request):
-        info = next(found for found in get_args(hints[one.name]) if isinstance(found, ParameterInfo))
+        info = next(about for about in get_args(hints[one.name]) if isinstance(about, ParameterInfo))
         declared = [word for word in (info.default, *(info.param_decls or ())) if isinstance(word, str)]
         name = next((word for word in declared if word.startswith("--")), f"--{one.name.replace('_', '-')}")
-        yield _Option(one.name, "" if isinstance(info, ArgumentInfo) else name, hints[one.name], one.default)
+        found.append(Option(one.name, "" if isinstance(info, ArgumentInfo) else name, hints[one.name], one.default))
+    return sorted(found, key=lambda one: one.usual is not MISSING)

@@ -1,12 +1,12 @@
 """`rig check`, `rig dry-run`, `rig run` and `rig resume`."""
 
 import math
-import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 from rich.table import Table
@@ -15,23 +15,14 @@ from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.real import Request
 from rig.bench.virtual import refuse_twinless
 from rig.cli.choosing import (
+    WAIT_NEEDS_CHOICE,
     WITHIN_S,
     ChooseOption,
     CountWithinOption,
-    adaptive_run,
     possible_presses_as_json,
-    refuse_choose,
-    source_of,
+    with_choice,
 )
-from rig.cli.confirm import (
-    Confirm,
-    at_the_page,
-    can_answer,
-    careful,
-    ready_for_a_real_run,
-    refuse_mounts,
-    same_shape,
-)
+from rig.cli.confirm import Confirm, at_the_page, can_answer, careful, ready_for_a_real_run, refuse_mounts, same_shape
 from rig.cli.nerve import firing_as_json, print_firing, spike_request
 from rig.cli.options import (
     FingerConfigOption,
@@ -59,7 +50,8 @@ from rig.cli.output import (
     screen_aside,
 )
 from rig.cli.recorded_run import warn_of_damage
-from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
+from rig.cli.request import Rule, refuse, repeats, takes
+from rig.cli.script_execution import RequestedRun, RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
@@ -78,24 +70,14 @@ from rig.session.rehearsal_summary import (
     press_speed_in_words,
 )
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports
-from rig.session.session import dry_run, real_run
+from rig.session.session import FinishedRun, Session, dry_run, real_run
 from rig.transport import TransportError
 from rig_shared.outputs import Name
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import FingerProcess
 
-AfferentsOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LIST",
-        help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
-        rich_help_panel="Simulated spikes",
-    ),
-]
-
 if TYPE_CHECKING:
-    from rig.design.adaptive_run import AdaptiveRun
     from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
@@ -110,6 +92,26 @@ _COLUMNS = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class ScriptRequest:
+    """Arguments and options of the commands that take a script, a configuration and a finger."""
+
+    protocol: ProtocolArgument
+    more: MoreArgument = None
+    set_: SetOption = None
+    config: FingerConfigOption = None
+    finger_file: FingerFileOption = None
+    force: ForceFingerOption = False
+
+    def script(self) -> Script:
+        """Return the script with its parameters. Raises BadInputError."""
+        return load_script(self.protocol, [*(self.set_ or []), *(self.more or [])])
+
+    def settings(self) -> Config:
+        """Return the configuration with the finger of the finger file. Raises BadInputError."""
+        return with_finger(load_config(self.config), self.finger_file, force=self.force)
+
+
 class CheckJson(PreflightJson):
     """A protocol against the limits."""
 
@@ -117,30 +119,31 @@ class CheckJson(PreflightJson):
     repeats: bool
 
 
-def check_command(
-    protocol: ProtocolArgument,
-    more: MoreArgument = None,
-    set_: SetOption = None,
-    config: FingerConfigOption = None,
-    finger_file: FingerFileOption = None,
-    force: ForceFingerOption = False,
+@dataclass(frozen=True, kw_only=True)
+class CheckRequest(ScriptRequest):
+    """Arguments and options of `rig check`."""
+
     choose: Annotated[
         bool, typer.Option("--choose", help="Also check all presses that `rig run --choose` may choose.")
-    ] = False,
+    ] = False
     afferents: Annotated[
         str | None,
         typer.Option(metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    as_json: JsonOption = False
+
+
+@takes(CheckRequest)
+def check_command(request: CheckRequest) -> None:
     """Check the script against the limits and the finger model, and rehearse it on springs."""
+    as_json = request.as_json
     with one_line_errors(as_json=as_json):
-        settings = with_finger(load_config(config), finger_file, force=force)
+        settings = request.settings()
         refuse_bench(settings)
-        script = load_script(protocol, [*(set_ or []), *(more or [])])
-        spikes = None if afferents is None else spike_request(afferents, seed=0)
+        script = request.script()
+        spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
         with busy(THE_FINGER, as_json=as_json):
-            finger = _finger_to_check(script, settings, choose=choose)
+            finger = _finger_to_check(script, settings, choose=request.choose)
         with checking_the_script() as show_steps:
             plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
@@ -154,7 +157,7 @@ def check_command(
                 f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; seed what is "
                 "random (random.Random(7).shuffle), sort what is a set"
             )
-        if choose:
+        if request.choose:
             found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)
         speeds = []
         if spikes is not None:
@@ -243,50 +246,50 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def dry_run_command(
-    protocol: ProtocolArgument,
-    more: MoreArgument = None,
-    set_: SetOption = None,
-    config: FingerConfigOption = None,
-    finger_file: FingerFileOption = None,
-    force: ForceFingerOption = False,
-    out_dir: OutOption = Path("runs"),
+@dataclass(frozen=True, kw_only=True)
+class DryRunRequest(ScriptRequest):
+    """Arguments and options of `rig dry-run`."""
+
+    out_dir: OutOption = Path("runs")
     speed: Annotated[
         str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
-    ] = "max",
-    subject: SubjectOption = None,
-    afferents: AfferentsOption = None,
-    choose: ChooseOption = None,
-    count_within_s: CountWithinOption = WITHIN_S,
-    as_json: JsonOption = False,
-) -> None:
+    ] = "max"
+    subject: SubjectOption = None
+    afferents: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
+            rich_help_panel="Simulated spikes",
+        ),
+    ] = None
+    choose: ChooseOption = None
+    count_within_s: CountWithinOption = WITHIN_S
+    as_json: JsonOption = False
+
+    rules: ClassVar[Sequence[Rule]] = (WAIT_NEEDS_CHOICE,)
+
+
+@takes(DryRunRequest)
+def dry_run_command(request: DryRunRequest) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     beginning = Beginning(aloud=False)
-    with one_line_errors(as_json=as_json, beginning=beginning):
-        settings = with_finger(load_config(config), finger_file, force=force)
+    with one_line_errors(as_json=request.as_json, beginning=beginning):
+        refuse(request)
+        settings = request.settings()
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
             complain(f"warning: {problem}; `rig run` would refuse this configuration")
-        script = load_script(protocol, [*(set_ or []), *(more or [])])
-        faster = _times_real(speed)
-        spikes = None if afferents is None else spike_request(afferents, seed=0)
-        into = new_run(out_dir, subject)
+        script, faster = request.script(), _times_real(request.speed)
+        spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
+        into = new_run(request.out_dir, request.subject)
+        planned = RequestedRun(script, settings, into, beginning.begins, request.as_json, spikes=spikes)
         with (
-            owning(script, settings, into, config_file=config) as owner,
-            _adaptive(script, choose, count_within_s, settings, None, as_json=as_json) as adaptive,
+            owning(planned, config_file=request.config) as owner,
+            with_choice(planned, request.choose, request.count_within_s) as run,
         ):
-            done = carry_out(
-                script,
-                settings,
-                into,
-                lambda session: dry_run(session, faster),
-                owner,
-                as_json=as_json,
-                pace=None if faster is None else 1 / faster,
-                begins=beginning.begins,
-                spikes=spikes,
-                choose=adaptive,
-            )
+            pace = None if faster is None else 1 / faster
+            done = carry_out(run, partial(dry_run, speed=faster), owner, pace=pace)
     leave(done)
 
 
@@ -304,52 +307,40 @@ def _times_real(text: str) -> float | None:
     return value
 
 
-def run_command(
-    protocol: ProtocolArgument,
-    config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],
-    more: MoreArgument = None,
-    set_: SetOption = None,
-    finger_file: FingerFileOption = None,
-    force: ForceFingerOption = False,
-    out_dir: OutOption = Path("runs"),
-    subject: SubjectOption = None,
-    mounted: MountedOption = None,
-    yes: YesOption = False,
-    choose: ChooseOption = None,
-    count_within_s: CountWithinOption = WITHIN_S,
-    as_json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class RunRequest(ScriptRequest):
+    """Arguments and options of `rig run`."""
+
+    config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = field()
+    out_dir: OutOption = Path("runs")
+    subject: SubjectOption = None
+    mounted: MountedOption = None
+    yes: YesOption = False
+    choose: ChooseOption = None
+    count_within_s: CountWithinOption = WITHIN_S
+    as_json: JsonOption = False
+
+    rules: ClassVar[Sequence[Rule]] = (WAIT_NEEDS_CHOICE,)
+
+
+@takes(RunRequest)
+def run_command(request: RunRequest) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
     beginning = Beginning(aloud=True)
-    with one_line_errors(as_json=as_json, beginning=beginning):
-        settings = with_finger(load_config(config), finger_file, force=force)
-        with ExitStack() as opened:
-            finger = opened.enter_context(FingerProcess(settings.finger))
-            script = load_script(protocol, [*(set_ or []), *(more or [])])
-            into = new_run(out_dir, subject)
-            ready_for_a_real_run("run", settings, out_dir, yes=yes)
-            choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
-            adaptive = opened.enter_context(choice)
-            _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive, as_json=as_json)
-            clock = WallClock(into.begins_at_s)
-            with (
-                closing(OwnedStage(settings, clock).open()) as stage,
-                owning(script, settings, into, stage, config) as owner,
-            ):
-                done = carry_out(
-                    script,
-                    settings,
-                    into,
-                    partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
-                    owner,
-                    as_json=as_json,
-                    finger=finger,
-                    confirm=at_the_page(
-                        left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
-                    ),
-                    begins=beginning.begins,
-                    choose=adaptive,
-                )
+    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
+        refuse(request)
+        settings = request.settings()
+        finger = opened.enter_context(FingerProcess(settings.finger))
+        script, into = request.script(), new_run(request.out_dir, request.subject)
+        run = RequestedRun(script, settings, into, beginning.begins, request.as_json, finger)
+        ready_for_a_real_run("run", settings, request.out_dir, yes=request.yes)
+        run = opened.enter_context(with_choice(run, request.choose, request.count_within_s))
+        _refuse_mounts("run", run, request.mounted)
+        stage = opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
+        owner = opened.enter_context(owning(run, stage, request.config))
+        before = left_on_record(request.out_dir, settings)
+        confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
+        done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm)
     leave(done)
 
 
@@ -365,34 +356,6 @@ def _choice_of(stopped: StoppedRun) -> tuple[str | None, float]:
             "bad_provenance",
         )
     return source, float(within_s)
-
-
-@contextmanager
-def _adaptive(
-    script: Script,
-    source: str | None,
-    within_s: float,
-    config: Config,
-    finger: FingerProcess | None,
-    stopped: StoppedRun | None = None,
-    *,
-    as_json: bool,
-) -> Iterator["AdaptiveRun | None"]:
-    """Check every press that may be chosen, and open the source of the counts; None without one.
-
-    Raises DesignError, BadInputError, CountError.
-    """
-    if source is None:
-        yield None
-        return
-    virtual = finger is None
-    refuse_choose(script, source, within_s, virtual=virtual)
-    there = loaded(config, finger, as_json=as_json)
-    run = adaptive_run(script, source_of(source), within_s, config, there, stopped, virtual=virtual, as_json=as_json)
-    with closing(run):
-        with busy("opening the source of the counts …", as_json=as_json):
-            run.opened()
-        yield run
 
 
 def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
@@ -422,17 +385,16 @@ def prompt_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]
     return ask
 
 
-def _refuse_mounts(
-    command: str,
-    script: Script,
-    config: Config,
-    finger: FingerProcess,
-    mounted: str | None,
-    stopped: StoppedRun | None = None,
-    adaptive: "AdaptiveRun | None" = None,
-    *,
-    as_json: bool,
-) -> None:
+def on_the_bench(
+    stage: OwnedStage | None, owner: RunOwner, mounted: str | None, speed: float | None = None
+) -> Callable[[Session], FinishedRun]:
+    """Return how a session is carried out: on a stage that is open, else on the virtual bench. Raises ShapeError."""
+    if stage is None:
+        return partial(dry_run, speed=speed)
+    return partial(real_run, ask=prompt_for(owner, mounted), stage=stage)
+
+
+def _refuse_mounts(command: str, run: RequestedRun, mounted: str | None) -> None:
     """Raise BadInputError if a non-interactive run mounts an indentor manually, before a port is opened.
 
     Raises ShapeError.
@@ -441,86 +403,75 @@ def _refuse_mounts(
         parse_shape(mounted)
     if can_answer():
         return
-    if stopped is not None and stopped.choose is not None:  # The rest of its presses is not known yet.
+    if run.stopped is not None and run.stopped.choose is not None:  # The rest of its presses is not known yet.
         from rig.design.designed import Designed
 
-        refuse_mounts(command, Designed.of(script).request.shapes, mounted)
+        refuse_mounts(command, Designed.of(run.script).request.shapes, mounted)
+        return
+    if run.choose is None:
+        finger = run.loaded()
+        with checking_the_script() as show_steps:
+            plan = make_plan(run.script, run.config, finger, *run.before, show_steps)
     else:
-        before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
-        if adaptive is None:
-            loaded(config, finger, as_json=as_json)
-            with checking_the_script() as show_steps:
-                plan = make_plan(script, config, finger, before, folder, show_steps)
-        else:
-            plan = adaptive.approved
-        refuse_mounts(command, plan.mounts, mounted)
+        plan = run.choose.approved
+    refuse_mounts(command, plan.mounts, mounted)
 
 
-def resume_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")],
+@dataclass(frozen=True)
+class ResumeRequest:
+    """Arguments and options of `rig resume`."""
+
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")]
     config: Annotated[
         Path | None,
         typer.Option(metavar="TOML", help="Take the ports from this file, if a device was plugged into another one."),
-    ] = None,
-    mounted: MountedOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    mounted: MountedOption = None
+    yes: YesOption = False
+    as_json: JsonOption = False
+
+
+@takes(ResumeRequest)
+def resume_command(request: ResumeRequest) -> None:
     """Resume with the script, its parameters and the configuration from the run's own copies."""
     beginning = Beginning(aloud=True)
-    with one_line_errors(as_json=as_json, beginning=beginning):
+    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
         with busy("reading the run and its script …", quick=True):
-            stopped = read_stopped(run)
+            stopped = read_stopped(request.run)
             if stopped.run is not None:
                 warn_of_damage(stopped.run)
-            if config is not None:
-                stopped = with_ports(stopped, config)
-        with ExitStack() as opened:
-            here = stopped.virtual or stopped.complete
-            finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))
-            stage = opened.enter_context(_stage(stopped, run, mounted, finger, yes=yes, as_json=as_json))
-            owner = opened.enter_context(owning(stopped.script, stopped.config, stopped, stage))
-            if stopped.run is not None and stopped.complete:
-                leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
-            adaptive = opened.enter_context(
-                _adaptive(stopped.script, *_choice_of(stopped), stopped.config, finger, stopped, as_json=as_json)
-            )
-            confirm = _checked(stopped, owner, yes=yes)
-            done = carry_out(
-                stopped.script,
-                stopped.config,
-                stopped,
-                dry_run if stage is None else partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
-                owner,
-                as_json=as_json,
-                finger=finger,
-                confirm=confirm,
-                pace=None if stage is None else 1.0,
-                begins=beginning.begins,
-                choose=adaptive,
-            )
+            if request.config is not None:
+                stopped = with_ports(stopped, request.config)
+        here = stopped.virtual or stopped.complete
+        finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))
+        run = RequestedRun(stopped.script, stopped.config, stopped, beginning.begins, request.as_json, finger)
+        stage = opened.enter_context(_stage(request, run, stopped))
+        owner = opened.enter_context(owning(run, stage))
+        if stopped.run is not None and stopped.complete:
+            leave(make_whole(stopped, stopped.run, owner, as_json=request.as_json))
+        run = opened.enter_context(with_choice(run, *_choice_of(stopped)))
+        confirm = _checked(stopped, owner, yes=request.yes)
+        pace = None if stage is None else 1.0
+        done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm, pace)
     leave(done)
 
 
 @contextmanager
-def _stage(
-    stopped: StoppedRun, run: Path, mounted: str | None, finger: FingerProcess | None, *, yes: bool, as_json: bool
-) -> Iterator[OwnedStage | None]:
+def _stage(request: ResumeRequest, run: RequestedRun, stopped: StoppedRun) -> Iterator[OwnedStage | None]:
     """Open the stage for the remaining steps, or, without any, only for a stop; the finger serves these steps."""
     if stopped.virtual:
         yield None
         return
     with closing(OwnedStage(stopped.config, WallClock(stopped.begins_at_s))) as stage:
-        if finger is not None:
+        if run.finger is not None:
             try:
-                ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+                ready_for_a_real_run("resume", stopped.config, request.run.parent, yes=request.yes)
             except TransportError as error:
                 if error.code != "no_port":
                     raise
-                raise TransportError(
-                    f"{error}, then name it: rig resume {shlex.quote(str(run))} --config TOML", error.code
-                ) from None
-            _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped, as_json=as_json)
+                again = repeats("resume", replace(request, config=Path("TOML")))
+                raise TransportError(f"{error}, then name it: {again}", error.code) from None
+            _refuse_mounts("resume", run, request.mounted)
             stage.open()
         yield stage
 

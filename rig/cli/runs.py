@@ -3,18 +3,20 @@
 import csv
 import io
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired
 
 import typer
 
 from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
-from rig.cli.options import JsonOption, checked_file
+from rig.cli.options import JsonOption, RunArgument, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
+from rig.cli.request import ExactlyOne, Rule, refuse, takes
 from rig.data import dictionary
 from rig.data.ending import EndingJson
 from rig.data.folder import SCRIPT, FileSizeJson, replace_text
@@ -160,47 +162,59 @@ class ExportJson(Output):
     files: list[File]
 
 
-def runs_command(
-    runs: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that contains the run folders.")] = Path("runs"),
-    subject: Annotated[str | None, typer.Option(metavar="CODE", help="List only runs of this subject.")] = None,
+@dataclass(frozen=True)
+class RunsRequest:
+    """Arguments and options of `rig runs`."""
+
+    runs: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that contains the run folders.")] = Path("runs")
+    subject: Annotated[str | None, typer.Option(metavar="CODE", help="List only runs of this subject.")] = None
     shape: Annotated[
         str | None,
         typer.Option(metavar="S", help="List only runs with this indentor, e.g. bar:3.0; bar matches any bar."),
-    ] = None,
-    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="List only runs of this protocol.")] = None,
+    ] = None
+    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="List only runs of this protocol.")] = None
     state: Annotated[
         str | None, typer.Option(metavar="STATE", help=f"List only runs in this state: {', '.join(RunStatus)}.")
-    ] = None,
+    ] = None
     since: Annotated[
         str | None, typer.Option(metavar="DAY", help="First start date to list, UTC, e.g. 2026-03-01.")
-    ] = None,
+    ] = None
     until: Annotated[
         str | None, typer.Option(metavar="DAY", help="Last start date to list, UTC, e.g. 2026-03-31.")
-    ] = None,
+    ] = None
     table: Annotated[
         Path | None, typer.Option(metavar="CSV", help="Write a table of all holds, one row each, to this file.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    as_json: JsonOption = False
+
+    @property
+    def filter(self) -> RunFilter:
+        """The runs to list. Raises RunError, ShapeError."""
+        if self.state not in (None, *RunStatus):
+            raise RunError(f"--state {self.state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
+        days = _day("--since", self.since), _day("--until", self.until)
+        return RunFilter(self.subject, _shape(self.shape), self.protocol, self.state, *days)
+
+
+@takes(RunsRequest)
+def runs_command(request: RunsRequest) -> None:
     """List runs, newest last; an unreadable or damaged run gets one line on standard error."""
-    with one_line_errors(as_json=as_json):
-        if state not in (None, *RunStatus):
-            raise RunError(f"--state {state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
-        chosen = RunFilter(subject, _shape(shape), protocol, state, _day("--since", since), _day("--until", until))
+    with one_line_errors(as_json=request.as_json):
+        chosen, table = request.filter, request.table
         if table is not None:
             checked_file("--table", table, ".csv")
-        entries = _entries(runs)
+        entries = _entries(request.runs)
         found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]
         for listed_run in (one.summary for one in found if one.summary.damage):
-            complain(f"{runs / listed_run.name}: {listed_run.damage}")
+            complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
         if table is not None:
             replace_text(table, _as_csv(found))
-        if as_json:
+        if request.as_json:
             print_json(_runs_json(found, broken, table))
             return
         for one in broken:
-            complain(f"{runs / one.name}: {one.problem}")
+            complain(f"{request.runs / one.name}: {one.problem}")
         out.print(
             _list(found)
             if table is None
@@ -291,27 +305,34 @@ def _summary(run: Summary) -> RunSummaryJson:
 _UNKNOWN = "unknown"
 
 
-def show_command(
-    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of the run.")] = None,
+@dataclass(frozen=True)
+class ShowRequest:
+    """Arguments and options of `rig show`."""
+
+    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of the run.")] = None
     columns: Annotated[
         bool, typer.Option("--columns", help="Explain the columns of the run tables; takes no run.")
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = False
+    as_json: JsonOption = False
+
+    rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("RUN", "--columns")),)
+
+
+@takes(ShowRequest)
+def show_command(request: ShowRequest) -> None:
     """Print a run: protocol, state, limits, versions, forces, ending and files."""
-    with one_line_errors(as_json=as_json):
-        if columns == (run is not None):
-            raise RunError("show: give either RUN, a run folder, or --columns", "exactly_one")
-        if run is None:
-            if as_json:
+    with one_line_errors(as_json=request.as_json):
+        refuse(request)
+        if request.run is None:
+            if request.as_json:
                 print_json(_columns())
             else:
                 out.print(dictionary.as_markdown(), end="")
             return
-        with foreign_in_one_line(run):
+        with foreign_in_one_line(request.run):
             with busy("reading the run …", quick=True):
-                result = _described(run)
-            if as_json:
+                result = _described(request.run)
+            if request.as_json:
                 print_json(result)
             else:
                 out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
@@ -470,40 +491,47 @@ def _pairs(values: Mapping[str, object]) -> str:
     return ", ".join(f"{name} {value}" for name, value in found.items()) or "none"
 
 
-def export_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
-    as_csv: Annotated[bool, typer.Option("--csv", help="Write HDF5 and tidy CSV files.")] = False,
-    as_nwb: Annotated[
-        bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")
-    ] = False,
+@dataclass(frozen=True)
+class ExportRequest:
+    """Arguments and options of `rig export`."""
+
+    run: RunArgument
+    as_csv: Annotated[bool, typer.Option("--csv", help="Write HDF5 and tidy CSV files.")] = False
+    as_nwb: Annotated[bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")] = (
+        False
+    )
     report: Annotated[
         bool, typer.Option("--report", help="Write the report again, with the strain under the skin.")
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Export the journal again, also of a run that crashed, and renew the checksums of what is written."""
-    from rig.data.export import export_nwb, export_run  # it imports h5py, which a list of runs does not need
+    ] = False
+    as_json: JsonOption = False
 
-    with one_line_errors(as_json=as_json):
-        if not (as_csv or as_nwb or report):
+
+@takes(ExportRequest)
+def export_command(request: ExportRequest) -> None:
+    """Export the journal again, also of a run that crashed, and renew the checksums of what is written."""
+    from rig.data.export import export_nwb, export_run  # it imports numpy, which a list of runs does not need
+
+    with one_line_errors(as_json=request.as_json):
+        run, as_json = request.run, request.as_json
+        if not (request.as_csv or request.as_nwb or request.report):
             raise BadInputError(
                 "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", "no_format"
             )
         with busy("reading the run …", quick=True):
             found = recorded_run(run)
-        if report:
+        if request.report:
             _refuse_identification(found)
         written = []
-        if as_csv or as_nwb:
+        if request.as_csv or request.as_nwb:
             with busy(f"writing the files of {run} …", quick=True), foreign_in_one_line(run):
-                if as_csv:
+                if request.as_csv:
                     export_run(found)
                     tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
                     written += [str(found.folder.data), *(str(run / name) for name in tables)]
-                if as_nwb:
+                if request.as_nwb:
                     written.append(str(export_nwb(found)))
                 found.folder.write_checksums()
-        if report:
+        if request.report:
             with foreign_in_one_line(run), found.folder.owned():
                 with busy(THE_FINGER, as_json=as_json):
                     from rig.plan.config import load_config

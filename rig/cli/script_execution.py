@@ -5,7 +5,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, NotRequired
 
@@ -36,7 +36,7 @@ from rig.engine.bench import Meanwhile
 from rig.errors import BadInputError, RigError
 from rig.plan.config import Config
 from rig.plan.finger_model import about_model
-from rig.plan.plan import Plan, make_plan
+from rig.plan.plan import make_plan
 from rig.printable import on_one_line
 from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
@@ -58,6 +58,34 @@ if TYPE_CHECKING:
 
 
 Phase = Literal["planning", "running", "reporting"]
+
+
+@dataclass(frozen=True)
+class RequestedRun:
+    """A run as a command requests it, before its plan."""
+
+    script: Script
+    config: Config
+    into: NewRun | StoppedRun
+    begins: Callable[[], None]  # called before the first motion
+    as_json: bool
+    finger: FingerProcess | None = None  # serves a run whose own process must not solve
+    spikes: "SpikeRequest | None" = None  # simulated after the run, before its report
+    choose: "AdaptiveRun | None" = None  # chooses the presses
+
+    @property
+    def stopped(self) -> StoppedRun | None:
+        """The run that is resumed."""
+        return self.into if isinstance(self.into, StoppedRun) else None
+
+    @property
+    def before(self) -> tuple[Run | None, Path | None]:
+        """Journal and folder of the run that is resumed."""
+        return (None, None) if self.stopped is None else (self.stopped.run, self.stopped.folder.path)
+
+    def loaded(self) -> Finger:
+        """Load the configured finger, in its own process if one exists."""
+        return loaded(self.config, self.finger, as_json=self.as_json)
 
 
 class FinishedRunJson(Output):
@@ -130,7 +158,7 @@ class RunOwner:
         """Return whether another process has stopped the stage; called by the main thread."""
         return self.switch.noticed()
 
-    def record(self, script: Script, config: Config, into: NewRun | StoppedRun) -> None:
+    def record(self, run: RequestedRun) -> None:
         """Record a stop in the byte log and the journal, if there was one; later stops are rejected."""
         with unstoppable():
             self.switch.over()
@@ -139,7 +167,12 @@ class RunOwner:
             try:
                 if self.folder is None:
                     self.folder = record_before(
-                        script, config, into, virtual=self.virtual, reason=self.stopped_by, clock=self.switch.clock
+                        run.script,
+                        run.config,
+                        run.into,
+                        virtual=self.virtual,
+                        reason=self.stopped_by,
+                        clock=self.switch.clock,
                     )
                     complain(f"the run folder {self.folder.path} records the stop")
                 record_after(self.folder, self._stopped_while, self.switch.kept, self.stopped_by)
@@ -173,9 +206,7 @@ class RunOwner:
 
 @contextmanager
 def owning(
-    script: Script,
-    config: Config,
-    into: NewRun | StoppedRun,
+    run: RequestedRun,
     stage: OwnedStage | None = None,
     config_file: Path | None = None,
     more_answers: Answers | None = None,
@@ -186,7 +217,8 @@ def owning(
     further requests. If the run cannot be announced, it continues and prints that the panel cannot reach it. A stop
     is recorded, or refused, at any time between the announcement and its end.
     """
-    out, virtual = into.out if isinstance(into, NewRun) else into.folder.path.parent, stage is None
+    into, config, virtual = run.into, run.config, stage is None
+    out = into.out if isinstance(into, NewRun) else into.folder.path.parent
     owner = RunOwner(StopSwitch(stage, interrupt_main), virtual=virtual)
     about = Announcement(
         pid=os.getpid(),
@@ -194,7 +226,7 @@ def owning(
         virtual=virtual,
         ports=() if virtual else (*stage_ports(config.stage), config.force.port),
         out=str(out.resolve()),
-        protocol=script.name,
+        protocol=run.script.name,
         config=None if config_file is None else str(config_file.resolve()),
         began_unix_s=WallClock().unix_s(),
     )
@@ -206,7 +238,7 @@ def owning(
             owner.announce = lambda run: socket.tell(run=str(run.resolve()))
         except (OSError, filelock.Timeout) as error:
             complain(f"warning: the panel cannot reach this run: {error}")
-        announced.callback(owner.record, script, config, into)
+        announced.callback(owner.record, run)
         try:
             owner.switch.begins()
             yield owner
@@ -280,33 +312,19 @@ def new_run(out_dir: Path, subject: str | None) -> NewRun:
 
 
 def carry_out(
-    script: Script,
-    config: Config,
-    into: NewRun | StoppedRun,
+    run: RequestedRun,
     how: Callable[[Session], FinishedRun],
     owner: RunOwner,
-    *,
-    as_json: bool,
-    begins: Callable[[], None],
-    finger: FingerProcess | None = None,
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
-    spikes: "SpikeRequest | None" = None,
-    choose: "AdaptiveRun | None" = None,
 ) -> FinishedRun:
     """Check the script, run or resume it, write its report, and print the location.
 
-    `confirm` is called after all checks and before any motion (None starts at once), `begins` before the first
-    motion. `pace` is real seconds per second of bench time; None runs as fast as possible. `finger` serves a run
-    whose own process must not solve. `spikes` are simulated after the run, before its report. `choose` chooses the
-    presses.
+    `confirm` is called after all checks and before any motion; None starts at once. `pace` is real seconds per second
+    of bench time; None runs as fast as possible.
     """
-    script = script if choose is None else choose.as_script()
-    session = _planned(
-        script, config, into, loaded(config, finger, as_json=as_json), None if choose is None else choose.approved
-    )
-    if choose is not None:
-        session = choose.applied(session)
+    as_json, choose, spikes = run.as_json, run.choose, run.spikes
+    session = _planned(run)
     if spikes is not None:
         from rig.plan.nerve import firing_speeds_of, presses_of_plan
 
@@ -321,17 +339,16 @@ def carry_out(
         course = choose.course(course)
     shown = progress(len(session.plan.indentations), time_left(page, pace), course, as_json=as_json)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        done = how(
-            replace(session, attendant=AtTheTerminal(pause, watch, begins, course, owner), button=owner.button)
-        )
+        attendant = AtTheTerminal(pause, watch, run.begins, course, owner)
+        done = how(replace(session, attendant=attendant, button=owner.button))
     owner.at("reporting")
-    added = None if spikes is None else _with_spikes(done, session.finger, config, spikes, as_json=as_json)
+    added = None if spikes is None else _with_spikes(done, session.finger, spikes, run)
     with busy("writing the report …", as_json=as_json):
         done = _reported(done, session.finger, owner)
     if added is not None and not as_json:
         for line in spike_lines(added):
             out.print(line)
-    _print(done, time.perf_counter() - began, as_json=as_json, resumed=isinstance(into, StoppedRun))
+    _print(done, time.perf_counter() - began, as_json=as_json, resumed=run.stopped is not None)
     return done
 
 
@@ -349,20 +366,18 @@ def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Fi
 _MOST_DIFFERENCES = 3
 
 
-def _planned(
-    script: Script,
-    config: Config,
-    into: NewRun | StoppedRun,
-    finger: Finger,
-    approved: Plan | None = None,
-) -> Session:
-    before, folder = (None, None) if isinstance(into, NewRun) else (into.run, into.folder.path)
+def _planned(run: RequestedRun) -> Session:
+    """Check the script, and print how it differs from that of the run that is resumed."""
+    finger, choose = run.loaded(), run.choose
+    script, known, trip_n = run.script, None, 0.0
+    if choose is not None:
+        script, known, trip_n = choose.as_script(), choose.approved.predictions, choose.approved.soft_trip_n
     with checking_the_script() as show_steps:
-        known, trip_n = (None, 0.0) if approved is None else (approved.predictions, approved.soft_trip_n)
-        plan = make_plan(script, config, finger, before, folder, show_steps, known, trip_n)
+        plan = make_plan(script, run.config, finger, *run.before, show_steps, known, trip_n)
     for difference in plan.differences[:_MOST_DIFFERENCES]:
         complain(f"the script differs from the resumed run: {difference}")
-    return Session(script, config, finger, plan, into)
+    session = Session(script, run.config, finger, plan, run.into)
+    return session if choose is None else choose.applied(session)
 
 
 def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner, *, as_json: bool) -> FinishedRun:
@@ -392,12 +407,10 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
     return done
 
 
-def _with_spikes(
-    done: FinishedRun, finger: Finger, config: Config, spikes: "SpikeRequest", *, as_json: bool
-) -> SpikesJson | None:
+def _with_spikes(done: FinishedRun, finger: Finger, spikes: "SpikeRequest", run: RequestedRun) -> SpikesJson | None:
     """Write simulated spikes beside a run, or print that there are none for a run without a press."""
     try:
-        return asked(finger, add_spikes, done.run, config, spikes, as_json=as_json)
+        return asked(finger, add_spikes, done.run, run.config, spikes, as_json=run.as_json)
     except (BadInputError, ModelRangeError, OSError) as error:
         complain(f"no spikes: {error}")
         return None

@@ -3,26 +3,17 @@
 import json
 import signal
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NotRequired, cast
+from typing import Annotated, ClassVar, NotRequired, cast
 
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.options import FingerConfigOption, JsonOption
-from rig.cli.output import (
-    THE_FINGER,
-    ExitCode,
-    busy,
-    complain,
-    err,
-    one_line_errors,
-    out,
-    print_json,
-    resting,
-)
-from rig.cli.request import takes
+from rig.cli.options import FingerConfigOption, JsonOption, bounded
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
+from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -87,8 +78,7 @@ class ServeRequest:
         ),
     ] = None
     pty: Annotated[
-        bool,
-        typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES),
+        bool, typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES)
     ] = False
     tcp: Annotated[
         int | None,
@@ -132,26 +122,28 @@ class ServeRequest:
     config: FingerConfigOption = None
     as_json: JsonOption = False
 
+    rules: ClassVar[Sequence[Rule]] = (
+        Needs("--beside", ("--reveal",)),
+        Excludes("--pty", ("--tcp",), "not_together"),
+    )
+
 
 @takes(ServeRequest)
 def serve_command(request: ServeRequest) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
-    if request.reveal is not None:
-        _reveal(request.reveal, request.beside, as_json=request.as_json)
-        return
     with one_line_errors(as_json=request.as_json):
-        if request.beside is not None:
-            raise BadInputError("--beside requires --reveal; add it", "needs_option")
+        refuse(request)
+        if request.reveal is not None:
+            _reveal(request.reveal, request.beside, as_json=request.as_json)
+            return
         settings = _with_indentor(load_config(request.config), request.indentor)
-        if request.pty and request.tcp is not None:
-            raise BadInputError("--pty and --tcp cannot be combined; give one of them", "not_together")
         if request.pty and sys.platform == "win32":
             raise BadInputError(
                 "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
                 "no_terminals",
             )
-        if request.tcp is not None and not 0 <= request.tcp <= 65534:
-            raise BadInputError(f"--tcp {request.tcp}: must be 0 to 65534", "outside_range")
+        if request.tcp is not None:
+            bounded("--tcp", request.tcp, 0, 65534)
         if request.random_finger is not None:
             settings = with_random_finger(settings, request.random_finger)
         both = request.stage is None and request.force is None
@@ -214,16 +206,15 @@ def _statistics_line(found: PressStatistics) -> str:
 
 def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
     """Print each parameter of a random finger, with its 90 % band from a finger file."""
-    with one_line_errors(as_json=as_json):
-        truth = truth_of(seed)
-        identified = None if beside is None else read_finger_file(beside).identified
-        found = [_with_band(name, value, identified) for name, value in truth.items()]
-        if as_json:
-            truths: RandomFingerJson = {"parameters": found}
-            print_json(truths)
-            return
-        for one in found:
-            out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
+    truth = truth_of(seed)
+    identified = None if beside is None else read_finger_file(beside).identified
+    found = [_with_band(name, value, identified) for name, value in truth.items()]
+    if as_json:
+        truths: RandomFingerJson = {"parameters": found}
+        print_json(truths)
+        return
+    for one in found:
+        out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
 def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> TrueParameterJson:

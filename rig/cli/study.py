@@ -4,6 +4,7 @@ import csv
 import io
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ import typer
 from rig.cli.options import ExactOption, JsonOption, checked_file
 from rig.cli.output import one_line_errors, out, print_json
 from rig.cli.progress import counted
+from rig.cli.request import takes
 from rig.data.folder import replace_text
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
@@ -36,46 +38,51 @@ class StudyJson(Output):
     wall_s: float
 
 
-def command(
-    study: Annotated[
-        Path, typer.Argument(metavar="TOML", help="Study file: the parameters to vary and the presses.")
-    ],
+@dataclass(frozen=True)
+class StudyRequest:
+    """Arguments and options of `rig study`."""
+
+    study: Annotated[Path, typer.Argument(metavar="TOML", help="Study file: the parameters to vary and the presses.")]
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="CSV", help="Table to write. Default: beside the study file.")
-    ] = None,
+    ] = None
     processes: Annotated[
         int | None,
         typer.Option(metavar="N", help="Number of processes on this machine. Default: number of cores.", min=1),
-    ] = None,
+    ] = None
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
             help="Address of a dask.distributed scheduler (needs the extra cluster). Default: this machine.",
         ),
-    ] = None,
-    exact: ExactOption = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    exact: ExactOption = False
+    as_json: JsonOption = False
+
+
+@takes(StudyRequest)
+def command(request: StudyRequest) -> None:
     """Solve every case and write one tidy table."""
-    with one_line_errors(as_json=as_json):
+    with one_line_errors(as_json=request.as_json):
         began = time.perf_counter()
-        cases = read_study(study)
-        table = study.with_suffix(".csv") if out_file is None else out_file
+        cases = read_study(request.study)
+        table = request.study.with_suffix(".csv") if request.out_file is None else request.out_file
         checked_file("--out", table, ".csv")
-        if not exact:
+        if not request.exact:
             cases = interpolated(cases)
         nodes = nodes_to_build(cases)
-        for _ in counted(spread(make_node, nodes, processes, scheduler), len(nodes), "full builds", quiet=as_json):
+        quiet, workers = request.as_json, (request.processes, request.scheduler)
+        for _ in counted(spread(make_node, nodes, *workers), len(nodes), "full builds", quiet=quiet):
             pass
-        answers = list(counted(spread(solve, cases, processes, scheduler), len(cases), "cases", quiet=as_json))
+        answers = list(counted(spread(solve, cases, *workers), len(cases), "cases", quiet=quiet))
         rows = [row for answer in answers for row in answer]
         replace_text(table, _as_csv(columns(cases), rows))
         problems = sum(bool(row["problem"]) for row in rows)
         between = sum(row.get("model") == INTERPOLATED for row in rows)
         small = _small_strain(cases, answers)
         seconds = time.perf_counter() - began
-        if as_json:
+        if request.as_json:
             found: StudyJson = {
                 "table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
                 "small_strain_text": small, "interpolated": between,

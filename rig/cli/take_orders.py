@@ -1,12 +1,10 @@
 """`rig take-orders`: a run whose presses another program orders, for `rig.bluesky`."""
 
 import os
-from collections.abc import Callable
-from contextlib import closing
-from dataclasses import replace
-from functools import partial
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,88 +12,84 @@ from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import at_the_page, ready_for_a_real_run, refuse_mounts
 from rig.cli.options import FingerFileOption, MountedOption, OutOption, SubjectOption, YesOption, numbers
 from rig.cli.output import Beginning, one_line_errors
-from rig.cli.run import prompt_for
-from rig.cli.script_execution import RunOwner, carry_out, leave, new_run, owning
+from rig.cli.request import takes
+from rig.cli.run import on_the_bench
+from rig.cli.script_execution import RequestedRun, carry_out, leave, new_run, owning
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
-from rig.plan.config import Config, load_config, with_finger
+from rig.plan.config import load_config, with_finger
 from rig.plan.plan import Plan
-from rig.session.orders import PressOrders, scope_of
+from rig.session.orders import OrderScope, PressOrders, scope_of
 from rig.session.resume import left_on_record
-from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
+from rig.session.session import FinishedRun, Session
 from sim.finger_process import FingerProcess
 
 
-def take_orders_command(
-    indentor: Annotated[str, typer.Option(metavar="SHAPE", help="Indentor of all presses.")],
-    x_mm: Annotated[str, typer.Option(metavar="X,X…", help="Positions of the presses, in mm.")] = "0",
+@dataclass(frozen=True)
+class TakeOrdersRequest:
+    """Options of `rig take-orders`."""
+
+    indentor: Annotated[str, typer.Option(metavar="SHAPE", help="Indentor of all presses.")]
+    x_mm: Annotated[str, typer.Option(metavar="X,X…", help="Positions of the presses, in mm.")] = "0"
     doi_mm: Annotated[
         float | None, typer.Option(metavar="D", help="Deepest press, in mm. Give this or --force-gwt.")
-    ] = None,
+    ] = None
     force_gwt: Annotated[
         float | None, typer.Option(metavar="F", help="Highest force of a press, in gwt. Give this or --doi-mm.")
-    ] = None,
-    presses: Annotated[int, typer.Option(metavar="N", help="Maximum number of presses.")] = 1,
-    increments: Annotated[int, typer.Option(metavar="N", help="Maximum number of increments.")] = 1,
-    hold_s: Annotated[float, typer.Option(metavar="S", help="Longest hold, in s.")] = 1.0,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
-    virtual: Annotated[bool, typer.Option("--virtual", help="Press on the virtual bench.")] = False,
+    ] = None
+    presses: Annotated[int, typer.Option(metavar="N", help="Maximum number of presses.")] = 1
+    increments: Annotated[int, typer.Option(metavar="N", help="Maximum number of increments.")] = 1
+    hold_s: Annotated[float, typer.Option(metavar="S", help="Longest hold, in s.")] = 1.0
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None
+    virtual: Annotated[bool, typer.Option("--virtual", help="Press on the virtual bench.")] = False
     speed: Annotated[
         float | None, typer.Option(metavar="N", help="Simulated seconds per real second. Default: no limit.")
-    ] = None,
-    finger_file: FingerFileOption = None,
-    out_dir: OutOption = Path("runs"),
-    subject: SubjectOption = None,
-    mounted: MountedOption = None,
-    yes: YesOption = False,
-) -> None:
+    ] = None
+    finger_file: FingerFileOption = None
+    out_dir: OutOption = Path("runs")
+    subject: SubjectOption = None
+    mounted: MountedOption = None
+    yes: YesOption = False
+
+    def scope(self) -> OrderScope:
+        """Return the limits of the orders. Raises BadInputError."""
+        names = ("indentor", "doi_mm", "force_gwt", "presses", "increments", "hold_s")
+        return scope_of({name: getattr(self, name) for name in names} | {"x_mm": numbers("--x-mm", self.x_mm)})
+
+
+@takes(TakeOrdersRequest)
+def take_orders_command(request: TakeOrdersRequest) -> None:
     """Have the highest press confirmed, then press as another program orders; print the result as JSON."""
     beginning = Beginning(aloud=False)
     parent = os.getppid()
-    with one_line_errors(as_json=True, beginning=beginning):
-        settings = with_finger(load_config(config), finger_file)
-        targets = {"doi_mm": doi_mm, "force_gwt": force_gwt, "presses": presses, "increments": increments}
-        scope = scope_of({"indentor": indentor, "x_mm": numbers("--x-mm", x_mm), "hold_s": hold_s, **targets})
-        orders = PressOrders(scope, lambda: os.getppid() != parent)
-        into = new_run(out_dir, subject)
-        if virtual:
+    with one_line_errors(as_json=True, beginning=beginning), ExitStack() as opened:
+        settings = with_finger(load_config(request.config), request.finger_file)
+        orders = PressOrders(request.scope(), lambda: os.getppid() != parent)
+        into = new_run(request.out_dir, request.subject)
+        run, stage = RequestedRun(orders.as_script(), settings, into, beginning.begins, as_json=True), None
+        if request.virtual:
             refuse_twinless(settings.stage, settings.force)
-            with owning(orders.as_script(), settings, into, None, config, orders.answers) as owner:
-                done = _carried_out(orders, settings, into, partial(dry_run, speed=speed), owner, beginning)
         else:
-            ready_for_a_real_run("take-orders", settings, out_dir, yes=yes)
-            refuse_mounts("take-orders", [scope.indentor], mounted)
-            with (
-                FingerProcess(settings.finger) as finger,
-                closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()) as stage,
-                owning(orders.as_script(), settings, into, stage, config, orders.answers) as owner,
-            ):
-                before = left_on_record(out_dir, settings)
-                confirm = at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
-                how = partial(real_run, ask=prompt_for(owner, mounted), stage=stage)
-                done = _carried_out(orders, settings, into, how, owner, beginning, finger=finger, confirm=confirm)
+            ready_for_a_real_run("take-orders", settings, request.out_dir, yes=request.yes)
+            refuse_mounts("take-orders", [orders.scope.indentor], request.mounted)
+            run = replace(run, finger=opened.enter_context(FingerProcess(settings.finger)))
+            stage = opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
+        owner = opened.enter_context(owning(run, stage, request.config, orders.answers))
+        orders.end = owner.pause.end
+        how = on_the_bench(stage, owner, request.mounted, request.speed)
+        confirm = None
+        if stage is not None:
+            before = left_on_record(request.out_dir, settings)
+            confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
+
+        def ordered(session: Session) -> FinishedRun:
+            """Carry out the orders, of which there may be fewer than planned, with the soft trip of the plan."""
+            plan = Plan(
+                predictions=session.plan.predictions,
+                first_soft_trip_n=session.plan.soft_trip_n,
+                shape_files=session.plan.shape_files,
+            )
+            return how(replace(session, plan=plan))
+
+        done = carry_out(run, ordered, owner, confirm, pace=None)
     leave(done)
-
-
-def _carried_out(
-    orders: PressOrders,
-    settings: Config,
-    into: NewRun,
-    how: Callable[[Session], FinishedRun],
-    owner: RunOwner,
-    beginning: Beginning,
-    **more: Any,
-) -> FinishedRun:
-    orders.end = owner.pause.end
-
-    def ordered(session: Session) -> FinishedRun:
-        """Carry out the orders, of which there may be fewer than planned, with the soft trip of the plan."""
-        plan = Plan(
-            predictions=session.plan.predictions,
-            first_soft_trip_n=session.plan.soft_trip_n,
-            shape_files=session.plan.shape_files,
-        )
-        return how(replace(session, plan=plan, handler=orders.handler))
-
-    script, begins = orders.as_script(), beginning.begins
-    return carry_out(script, settings, into, ordered, owner, as_json=True, begins=begins, pace=None, **more)

@@ -1,14 +1,13 @@
 """`rig watch`: live force, current and next step, and time left of a run in another process."""
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.live import Live
 
 from rig.cli.force_trace import ForceTrace, Screen, named
-from rig.cli.options import JsonOption
+from rig.cli.options import JsonOption, RunArgument
 from rig.cli.output import ExitCode, err, one_line_errors, out, print_json, resting
 from rig.cli.recorded_run import recorded_run
 from rig.cli.runs import ending_of
@@ -72,7 +71,7 @@ class RunScreen(RunFollower):
 
 
 def watch_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+    run: RunArgument,
     as_json: JsonOption = False,
 ) -> None:
     """Print live force, current and next step, and time left until the run ends; in a pipe one line per event.

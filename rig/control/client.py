@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import stat
 import sys
 import warnings
@@ -212,4 +213,4 @@ def _state(owner: Announced) -> str:
 
 
 def _stop(owner: Announced) -> str:
-    return "rig stop" if owner.config is None else f"rig stop --config {owner.config}"
+    return shlex.join(["rig", "stop", *([] if owner.config is None else ["--config", owner.config])])

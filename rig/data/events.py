@@ -69,9 +69,10 @@ class PressEvent(Event):
 
 
 # --- events of a press ---
+# Nothing compares or prints events; without these methods, a program starts sooner.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class IndentationStartEvent(PressEvent):
     """An indentation begins."""
 
@@ -91,7 +92,7 @@ class IndentationStartEvent(PressEvent):
     condition: Condition | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SampleEvent(PressEvent):
     """A reading of the force, with the position of the indentor."""
 
@@ -110,7 +111,7 @@ class SampleEvent(PressEvent):
         return {**super().data(), **self.of_the_sensor}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TouchEvent(PressEvent):
     """Contact was found: F ∝ d^1.5 through the readings of the touch-off."""
 
@@ -124,7 +125,7 @@ class TouchEvent(PressEvent):
     true_doi_bias_mm: Annotated[float, "virtual bench only: true depth at the touch minus doi_mm"] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class RampEvent(PressEvent):
     """A ramp begins, with its force limits."""
 
@@ -138,7 +139,7 @@ class RampEvent(PressEvent):
     stop_mm: Annotated[float, "stopping distance, with the delays of sensor, reading and controller"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class HoldStartEvent(PressEvent):
     """The target, or an equal part of it, is reached and the hold begins."""
 
@@ -150,7 +151,7 @@ class HoldStartEvent(PressEvent):
     force_gwt: Force
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class HoldEndEvent(PressEvent):
     """A hold ended, with the depth and force that were delivered."""
 
@@ -173,7 +174,7 @@ class HoldEndEvent(PressEvent):
     true_doi_mm: Annotated[float, "virtual bench only: true depth past contact"] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SyncEvent(PressEvent):
     """A pulse for the recording amplifier."""
 
@@ -184,7 +185,7 @@ class SyncEvent(PressEvent):
     width_s: Annotated[float, "duration of the pulse"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class IndentationEndEvent(PressEvent):
     """The indentor is back at clearance."""
 
@@ -195,14 +196,14 @@ class IndentationEndEvent(PressEvent):
 # --- other events ---
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class MountEvent(Event):
     """An indentor was mounted."""
 
     indentor: Indentor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class HomeEvent(Event):
     """The home switches were found."""
 
@@ -211,7 +212,7 @@ class HomeEvent(Event):
     force_gwt: Force | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ZeroEvent(Event):
     """The force sensor was zeroed in the air."""
 
@@ -224,7 +225,7 @@ class ZeroEvent(Event):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class MoveEvent(Event):
     """The indentor moved to a position, at clearance."""
 
@@ -233,7 +234,7 @@ class MoveEvent(Event):
     height_mm: Height
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class FindEvent(Event):
     """Contact was found by touch() alone."""
 
@@ -244,7 +245,7 @@ class FindEvent(Event):
     contact_height_mm: ContactHeight
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class RetractEvent(Event):
     """The indentor was lifted to clearance."""
 
@@ -254,7 +255,7 @@ class RetractEvent(Event):
     force_gwt: Force | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ReferenceEvent(Event):
     """A reference press was compared with the first one."""
 
@@ -262,14 +263,14 @@ class ReferenceEvent(Event):
     deviation: Annotated[float, "largest deviation from the first reference press, relative to its force"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class RestEvent(Event):
     """A pause without contact ended."""
 
     rest_s: Annotated[float, "duration of the pause"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ChoiceEvent(Event):
     """The next press was chosen from the counts so far, or the presses ended."""
 
@@ -291,28 +292,28 @@ class ChoiceEvent(Event):
     chosen_in_s: Annotated[float, "time between the arrival of the count and the choice"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class CheckpointEvent(Event):
     """The protocol passed a checkpoint."""
 
     name: Annotated[str, "name of the checkpoint"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class NoteEvent(Event):
     """The protocol wrote a note."""
 
     text: Annotated[str, "text of the note"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class AlarmEvent(Event):
     """An alarm was raised; the run continued unless limits.on_alarm is trip."""
 
     reason: Reason
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TripEvent(Event):
     """The rig tripped."""
 
@@ -321,21 +322,21 @@ class TripEvent(Event):
     contact_s: ContactTime
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PausedEvent(Event):
     """The operator paused the run."""
 
     reason: Reason
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ResumedEvent(Event):
     """The operator resumed the run."""
 
     by: Annotated[str, "who resumed the run"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class OfTheSensor:
     """Columns that a force sensor may add to its readings (`ForceReading.also`); its registry entry names them."""
 
@@ -350,7 +351,7 @@ class OfTheSensor:
     packets_late: Annotated[int, "packets of the sensor that arrived after a newer one since its stream was started"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class OfThePress:
     """Last columns of every table of a press."""
 

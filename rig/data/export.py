@@ -10,9 +10,8 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from rig.data.dictionary import about_table, column_of
@@ -25,6 +24,9 @@ from rig.data.tables import Table, tables
 from rig.errors import RigError
 from rig.printable import printable
 from rig.units import GWT_N
+
+if TYPE_CHECKING:
+    import h5py
 
 ROWS_AT_ONCE = 1 << 14
 """Rows of a table in memory, whatever its length."""
@@ -103,8 +105,10 @@ class _Image:
 
 
 @contextmanager
-def _hdf5(path: Path) -> Iterator[h5py.File]:
+def _hdf5(path: Path) -> "Iterator[h5py.File]":
     """Yield a new HDF5 file, which replaces a file on disk in one step. Raises UnwritableError."""
+    import h5py  # a command that has nothing to write yet does without
+
     with replacement(path) as stream:
         image = _Image(stream)
         try:
@@ -121,7 +125,7 @@ class _TextError(Exception):
     """Text in a column of numbers."""
 
 
-def _write_hdf5(run: Run, found: Mapping[str, Table], file: h5py.File) -> None:
+def _write_hdf5(run: Run, found: Mapping[str, Table], file: "h5py.File") -> None:
     file.attrs.update(_attributes(run))
     for stream, table in found.items():
         texts = set[str]()
@@ -134,8 +138,10 @@ def _write_hdf5(run: Run, found: Mapping[str, Table], file: h5py.File) -> None:
                 del file[stream]
 
 
-def _write_group(group: h5py.Group, stream: str, table: Table, texts: Collection[str]) -> None:
+def _write_group(group: "h5py.Group", stream: str, table: Table, texts: Collection[str]) -> None:
     """Write a table; numbers as float64 (NaN if missing), flags as bool, text as UTF-8. Raises _TextError."""
+    import h5py
+
     group.attrs["description"] = about_table(stream)
     datasets = []
     for name, unit in table.units.items():

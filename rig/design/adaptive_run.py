@@ -29,7 +29,6 @@ from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Owed, Step
-from rig.session.execute import Live
 from rig.session.session import Session
 from sim.finger_process import Finger
 
@@ -52,6 +51,7 @@ class ChoosePress(Step[None, int | None]):
     index: int
     last: int | None
     planned: int | None
+    of: "AdaptiveRun"
 
     def check(self, walk: Walk) -> Spot:
         return walk.spot()
@@ -60,7 +60,9 @@ class ChoosePress(Step[None, int | None]):
         return self.planned
 
     def execute(self, engine: Engine, expected: None) -> int | None:
-        """Return the planned press, in a rehearsal."""
+        return self.of.choose(engine, self)
+
+    def rehearse(self, engine: Engine, expected: None) -> int | None:
         return self.planned
 
 
@@ -127,7 +129,7 @@ class AdaptiveRun:
         while True:
             index, last = len(made), made[-1] if made else None
             planned = self._planned_after(made, shape)
-            possible = rig.do(ChoosePress(index=index, last=last, planned=planned))
+            possible = rig.do(ChoosePress(index=index, last=last, planned=planned, of=self))
             if index < len(self.recorded):
                 found = self.recorded[index].get("possible")
                 possible = None if found is None else int(found)
@@ -181,17 +183,13 @@ class AdaptiveRun:
         if chooser is not None:
             chooser.close()
 
-    def handler(self, engine: Engine, walk: Walk) -> "Adaptive":
-        """Return the handler that waits for counts."""
-        return Adaptive(engine, walk, self)
-
     def applied(self, session: Session) -> Session:
         """Return the session with the choice, and with the soft trip of all presses that may be chosen."""
         trip_n = max(self.approved.soft_trip_n, session.plan.soft_trip_n)
         before = session.plan.first_soft_trip_n
         files = {**session.plan.shape_files, **self.approved.shape_files}
         plan = replace(session.plan, first_soft_trip_n=trip_n if before is None else before, shape_files=files)
-        return replace(session, plan=plan, handler=self.handler, chooses=self.about, possible=self.approved)
+        return replace(session, plan=plan, chooses=self.about, possible=self.approved)
 
     @staticmethod
     def course(planned: Course) -> Course:
@@ -268,20 +266,6 @@ class AdaptiveRun:
             chosen_in_s=round(found.chosen_in_s, 6),
         )
         engine.record(choice)
-
-
-class Adaptive(Live):
-    """Handler that makes the choices, and carries out all other steps."""
-
-    def __init__(self, engine: Engine, walk: Walk, run: AdaptiveRun) -> None:
-        super().__init__(engine, walk)
-        self._run = run
-
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Carry out the step and return its result."""
-        if isinstance(step, ChoosePress):
-            return self._run.choose(self._engine, step)  # type: ignore[return-value]
-        return super().handle(step, spot)
 
 
 def approved(choosing: Choosing, finger: Finger, folder: Path | None = None) -> Plan:

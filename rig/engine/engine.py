@@ -472,10 +472,15 @@ class Engine:
                 insist(lambda: self._leave(to_mm))
                 insist(self._leave_force)
                 lifted = True
+                with contextlib.suppress(RecordError):
+                    self.measure_contact()
+                if self.contact.measured.kind == "disagreement":  # A finger came up after the lift.
+                    insist(self._leave_force)
         except (InterruptedMotionError, StageError, TransportError) as error:
             reason = _not_left(reason, error)
-        with contextlib.suppress(RecordError):  # The caller reports the trip.
-            self.measure_contact()
+        with contextlib.suppress(RecordError):
+            if not self.contact.at_rest:
+                self.measure_contact()
             if lifted:
                 self._journalled(self.after_lift())
         self.heartbeat.rest()

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import ClassVar
 
 from rig.data import RunFolder
 from rig.data.folder import SCRIPT
@@ -15,18 +16,32 @@ from rig.identify.press_record import measured_press
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
-from rig.protocol.steps import Indent, MoveTo, Step
-from rig.session.execute import Live
+from rig.protocol.steps import Owed, Step
 from sim.identification.next_press import PressAt
-
-E = TypeVar("E")
-A = TypeVar("A")
 
 
 def as_script(run: Callable[[Rig], None]) -> Script:
     """Return a script of an identification that executes `run`."""
     path, title = Path(__file__).with_name(SCRIPT), "Identification of a finger"
     return Script(path, "identify", title, "docs/identify.md", ProtocolParameters(), run)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitPress(Step[None, None]):
+    """Set the soft trip (N) of the next press, and the highest likely stiffness under it."""
+
+    verb: ClassVar[str] = "limit_press"
+    owed: ClassVar[Owed] = Owed.LAST
+
+    soft_trip_n: float | None
+    stiffness: FingerStiffness
+
+    def check(self, walk: Walk) -> Spot:
+        return walk.spot()
+
+    def execute(self, engine: Engine, expected: None) -> None:
+        engine.trips = Trips(engine.settings.limits, self.soft_trip_n)
+        engine.stiffness = self.stiffness
 
 
 class IdentificationScript:
@@ -42,7 +57,6 @@ class IdentificationScript:
         homing.
         """
         self.identification, self._say, self._say_before = identification, say, say_before
-        self._pressing: PressAt | None = None
         self._journal: Following | None = None
         self._events: dict[str, list[Event]] = {}
 
@@ -54,28 +68,11 @@ class IdentificationScript:
         """Return the script for a session."""
         return as_script(self.run)
 
-    def handler(self, engine: Engine, walk: Walk) -> "Tripping":
-        """Return the handler of its steps."""
-        return Tripping(engine, walk, self)
-
-    @property
-    def trip_n(self) -> float | None:
-        """Soft trip of the current press (N); None before the first."""
-        return None if self._pressing is None else self.identification.trip_n(self._pressing)
-
-    @property
-    def stiffness(self) -> FingerStiffness:
-        """Highest likely stiffness under the current press."""
-        press = self._pressing
-        if press is None:
-            return FingerStiffness.unknown()
-        return FingerStiffness(self.identification.highest_gwt(press) / press.doi_mm**CONTACT_EXPONENT)
-
     def run(self, rig: Rig) -> None:
         """Press until the identification is finished."""
         mounted: str | None = None
         while not self.identification.enough:
-            press = self._pressing = self.identification.next()
+            press = self.identification.next()
             if press.indentor != mounted:
                 rig.mount(press.indentor)
             if mounted is None:
@@ -83,6 +80,9 @@ class IdentificationScript:
                 rig.home()
             mounted = press.indentor
             self._say_before(press)
+            highest_gwt = self.identification.highest_gwt(press)
+            stiffness = FingerStiffness(highest_gwt / press.doi_mm**CONTACT_EXPONENT)
+            rig.do(LimitPress(soft_trip_n=self.identification.trip_n(press), stiffness=stiffness))
             rig.move_to(x_mm=press.x_mm)
             rig.zero()
             self._press(rig, press)
@@ -122,18 +122,3 @@ def _noted(report: PressReport) -> dict[str, float | list[float]]:
         "measured_gwt": round(report.surprise.measured_gwt, 4),
         "half_width": round(report.widest, 4),
     }
-
-
-class Tripping(Live):
-    """Handler that sets soft trip and stiffness before each move and press."""
-
-    def __init__(self, engine: Engine, walk: Walk, script: IdentificationScript) -> None:
-        super().__init__(engine, walk)
-        self._script = script
-
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Execute a step and return its result."""
-        if isinstance(step, MoveTo | Indent):
-            self._engine.trips = Trips(self._engine.settings.limits, self._script.trip_n)
-            self._engine.stiffness = self._script.stiffness
-        return super().handle(step, spot)

@@ -91,6 +91,10 @@ class Step(ABC, Generic[E, A]):
     def execute(self, engine: Engine, expected: E) -> A:
         """Carry out the step as `expect` predicted, and return its answer to the script."""
 
+    def rehearse(self, engine: Engine, expected: E) -> A:
+        """Carry out the step in a rehearsal, where nobody answers; by default as in a run."""
+        return self.execute(engine, expected)
+
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
         """Return the answers in the journal of a stopped run, by the index of the press."""

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from rig.report.page_parts import PageFigure, render
+from rig.report.page_parts import render
 from rig.report.page_source import source_line
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
+from rig.report.plot import Plot, Series, Subplot, in_grid, rows_of
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW
 from rig_shared.plural import number_of
 
 _GOOD = 0.05
@@ -62,51 +63,74 @@ def message(rows: Sequence[Row]) -> str:
     )
 
 
-def pareto(rows: Sequence[Row], against: str = "total_s") -> Plot:
+_COSTS = {"total_s": "time without cache (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
+
+
+def pareto(rows: Sequence[Row], against: str = "total_s", title: str = "", caption: str = "") -> Plot:
     """Plot the largest error of each family and quantity on log-log axes, a line per model and element."""
-    labels = {"total_s": "time without cache (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
     quantities = [q for q in _TITLES if any(row["quantity"] == q for row in rows)]
 
-    def draw(figure: Canvas) -> None:
-        grid = figure.subplots(len(_FAMILIES), len(quantities), sharex=True, sharey="col", squeeze=False)
-        for down, (family, title) in enumerate(_FAMILIES.items()):
-            for across, quantity in enumerate(quantities):
-                axes: Axes = grid[down, across]
-                chosen = [r for r in rows if r["family"] == family and r["quantity"] == quantity]
-                for line, points in _lines(chosen).items():
-                    cost, error = np.array([(_median(p, against), _largest(p)) for p in points]).T
-                    colour, marker = _LOOK[line]
-                    axes.loglog(cost, 100 * error, marker, ls="-", color=colour, ms=4, lw=1, label=" ".join(line))
-                axes.set_title(f"{_TITLES[quantity]}, {title}", fontsize=9)
-                _plain(axes)
-            grid[down, 0].set_ylabel("largest error (%)")
-        for axes in grid[-1]:
-            axes.set_xlabel(labels[against])
-        handles, names = max(
-            (axes.get_legend_handles_labels() for axes in grid.flat), key=lambda found: len(found[1])
-        )
-        figure.legend(handles, names, loc="outside lower center", ncols=4)
+    def lines(family: str, quantity: str) -> list[Series]:
+        chosen = [r for r in rows if r["family"] == family and r["quantity"] == quantity]
+        series = []
+        for line, points in _lines(chosen).items():
+            cost, error = np.array([(_median(p, against), _largest(p)) for p in points]).T
+            where = {"line": line, "family": family, "quantity": quantity}
+            shown = rows_of("bench", against, "error", **where)
+            series.append(Series("loglog", cost, 100 * error, rows=shown, label=" ".join(line), **_style(line)))
+        return series
 
-    return Plot((10.2, 5.6), draw)
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one in axes:
+            _plain(one)
+        found = max((one.get_legend_handles_labels() for one in axes), key=lambda found: len(found[1]))
+        figure.legend(*found, loc="outside lower center", ncols=4)
+
+    return Plot(
+        (10.2, 5.6),
+        [
+            Subplot(
+                _COSTS[against],
+                "largest error (%)", lines(family, quantity),
+                f"{_TITLES[quantity]}, {name}",
+                printed="x" * (family == [*_FAMILIES][-1]) + "y" * (quantity == quantities[0]),
+            )
+            for family, name in _FAMILIES.items()
+            for quantity in quantities
+        ],
+        title, caption, arrange=in_grid(len(_FAMILIES) * len(quantities), len(quantities), sharex=True, sharey="col"),
+        finish=finish, titles={"fontsize": 9},
+    )  # fmt: skip
 
 
 def cost_against_nodes(rows: Sequence[Row]) -> Plot:
     """Plot cold-start time and memory against the number of nodes, with the exponents of fitted power laws."""
 
-    def draw(figure: Canvas) -> None:
-        for axes, key, label in zip(figure.subplots(1, 2), ("total_s", "memory_mb"),
-                                    ("time without cache (s)", "peak memory (MB)"), strict=True):  # fmt: skip
-            for line, points in _lines(rows).items():
-                nodes, cost = np.array(sorted((p[0]["nodes"], _median(p, key)) for p in points)).T
-                colour, marker = _LOOK[line]
-                axes.loglog(
-                    nodes, cost, marker, ls="-", color=colour, ms=4, lw=1, label=_with_exponent(line, nodes, cost)
-                )
-            axes.set(xlabel="number of nodes (1)", ylabel=label)
-            _plain(axes)
-            axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
+    def lines(key: str) -> list[Series]:
+        series = []
+        for line, points in _lines(rows).items():
+            nodes, cost = np.array(sorted((p[0]["nodes"], _median(p, key)) for p in points)).T
+            shown = rows_of("bench", "nodes", key, line=line)
+            name = _with_exponent(line, nodes, cost)
+            series.append(Series("loglog", nodes, cost, rows=shown, label=name, **_style(line)))
+        return series
 
-    return Plot((10.2, 4.4), draw)
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one in axes:
+            _plain(one)
+            one.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
+
+    return Plot(
+        (10.2, 4.4), [Subplot("number of nodes (1)", _COSTS[key], lines(key)) for key in ("total_s", "memory_mb")],
+        "Cost against size",
+        "Straight lines are fitted to the logarithms; the nodes of a half-space are those of its patch.",
+        arrange=in_grid(2, 2), finish=finish,
+    )  # fmt: skip
+
+
+def _style(line: Line) -> dict[str, Any]:
+    color, marker = _LOOK[line]
+    return {"marker": marker, "ls": "-", "color": color, "ms": 4, "lw": 1}
 
 
 def _plain(axes: Axes) -> None:
@@ -167,23 +191,20 @@ def _errors(rows: Sequence[Row]) -> dict[tuple[str, str], float | None]:
     return {key: _largest(found) if found else None for key, found in by.items()}
 
 
-def figures(rows: Sequence[Row]) -> list[PageFigure]:
+def figures(rows: Sequence[Row]) -> list[Plot]:
     return [
-        PageFigure(
-            "Error against time",
-            pareto(rows),
-            "The largest error over the scenes of a family, against the time to one result without a cache. "
+        pareto(
+            rows,
+            title="Error against time",
+            caption="The largest error over the scenes of a family, against the time to one result without a cache. "
             "SED and ep1: the largest deviation at any receptor relative to the largest value at any "
             "receptor. A section has no force to compare, since its force is per millimeter.",
         ),
-        PageFigure(
+        pareto(
+            rows,
+            "memory_mb",
             "Error against memory",
-            pareto(rows, "memory_mb"),
             "The largest error against the peak memory of the process.",
         ),
-        PageFigure(
-            "Cost against size",
-            cost_against_nodes(rows),
-            "Straight lines are fitted to the logarithms; the nodes of a half-space are those of its patch.",
-        ),
+        cost_against_nodes(rows),
     ]

@@ -1,18 +1,17 @@
 """Figures of encoding and decoding."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rig.report.measure_colors import color_of
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
+from rig.report.plot import Plot, Series, Subplot, entry, guide, handles, in_grid, rows_of
+from rig.report.style import BLUE, GREEN, GREY, ORANGE
 from sim.coding.encoding import RATE_UNIT, Encoded
 from sim.coding.operators import NAMES, ForwardOperator, ImpulseResponses, ShiftErrors
 from sim.coding.point_spread import Judged
@@ -35,23 +34,33 @@ class DecodingPlot(NamedTuple):
 
 def decoded_figure(drawn: DecodingPlot) -> Plot:
     """Plot pressures above readings, against the position on the skin."""
-    return Plot((6.0, 5.4), lambda figure: _draw_decoded(figure, drawn))
-
-
-def _draw_decoded(figure: Figure, drawn: DecodingPlot) -> None:
-    skin, energy = figure.subplots(2, sharex=True)
+    place, order = drawn.place_mm, np.argsort(drawn.receptor_mm, kind="stable")
+    receptor, reading, explained = (v[order] for v in (drawn.receptor_mm, drawn.reading, drawn.explained))
+    skin = [Series("plot", place, drawn.pressure, ls="-", marker=".", color=BLUE, label="found",
+                   rows=rows_of("decoded", "place_mm", "pressure"))]  # fmt: skip
     if drawn.band is not None:
-        skin.fill_between(drawn.place_mm, *drawn.band, color=BLUE, alpha=0.25, lw=0, label="90 % band")
-    skin.plot(drawn.place_mm, drawn.pressure, ".-", color=BLUE, label="found")
+        skin.insert(0, Series("fill_between", place, *drawn.band, color=BLUE, alpha=0.25, lw=0, label="90 % band",
+                              rows=rows_of("decoded", "place_mm", "lowest", "highest")))  # fmt: skip
     if drawn.true is not None:
-        skin.plot(drawn.place_mm, drawn.true, color="black", ls="--", marker="x", ms=4, label="true")
-    order = np.argsort(drawn.receptor_mm, kind="stable")
-    energy.plot(drawn.receptor_mm[order], drawn.reading[order], ".", color=color_of("sed"), label="readings")
-    energy.plot(drawn.receptor_mm[order], drawn.explained[order], color=GREY, lw=1, label="explained")
-    skin.set_ylabel("pressure (pseudo-units)")
-    energy.set(ylabel="SED (pseudo-units)", xlabel="position on the skin (mm)")
-    skin.legend()
-    energy.legend()
+        skin.append(Series("plot", place, drawn.true, color="black", ls="--", marker="x", ms=4, label="true",
+                           rows=rows_of("decoded", "place_mm", "true")))  # fmt: skip
+    energy = [
+        Series("plot", receptor, reading, ls="", marker=".", color=color_of("sed"), label="readings",
+               rows=rows_of("decoded", "receptor_mm", "reading")),
+        Series("plot", receptor, explained, color=GREY, lw=1, label="explained",
+               rows=rows_of("decoded", "receptor_mm", "explained")),
+    ]  # fmt: skip
+    panels = [Subplot(_PLACE, _PRESSURE, skin, printed="y"), Subplot(_PLACE, _SED, energy)]
+    return Plot((6.0, 5.4), panels, arrange=in_grid(2, sharex=True), finish=_with_legends)
+
+
+_PLACE, _PRESSURE, _SED = "position on the skin (mm)", "pressure (pseudo-units)", "SED (pseudo-units)"
+
+
+def _with_legends(figure: Figure, axes: list[Axes]) -> None:
+    for one in axes:
+        if one.get_legend_handles_labels()[1]:
+            one.legend()
 
 
 class EncodingPlot(NamedTuple):
@@ -66,32 +75,36 @@ class EncodingPlot(NamedTuple):
 
 def encoding_figure(drawn: EncodingPlot) -> Plot:
     """Plot pressure, SED and, with a receptor, its rate against the position on the skin."""
-    return Plot((6.0, 7.2 if drawn.receptor else 5.4), lambda figure: _draw_encoding(figure, drawn))
-
-
-def _draw_encoding(figure: Figure, drawn: EncodingPlot) -> None:
     operator, encoded = drawn.operator, drawn.encoded
-    panels = figure.subplots(3 if drawn.receptor else 2, sharex=True)
-    skin, energy = panels[:2]
     ends = np.flatnonzero(np.diff(operator.place_mm) < 0) + 1  # lateral pressures come after the normal ones
     kinds = zip(np.split(operator.place_mm, ends), np.split(drawn.pressure, ends), strict=True)
-    for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False):
-        skin.plot(place, pressure, ".-", color=colour, label=name)
-    skin.axhline(0, color=GREY, lw=0.6)
-    energy.plot(operator.receptor_mm, encoded.sed, color=color_of("sed"), label=operator.name)
+    skin = [
+        Series("plot", place, pressure, ls="-", marker=".", color=colour, label=name,
+               rows=rows_of("encoded", "place_mm", name))
+        for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False)
+    ]  # fmt: skip
+    energy = [Series("plot", operator.receptor_mm, encoded.sed, color=color_of("sed"), label=operator.name,
+                     rows=rows_of("encoded", "receptor_mm", "sed"))]  # fmt: skip
     if drawn.true is not None:
-        energy.plot(*drawn.true, color=GREY, ls="--", label="finite elements")
-    skin.set_ylabel("pressure (pseudo-units)")
-    energy.set_ylabel(f"SED, {operator.energy} (pseudo-units)")
-    for rates in panels[2:]:
-        rates.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
-        rates.set_ylabel(f"rate ({RATE_UNIT})")
-        rates.set_ylim(
-            bottom=-0.05 * max(rates.get_ylim()[1], _LEAST_RATE), top=max(rates.get_ylim()[1], _LEAST_RATE)
-        )
-    panels[-1].set_xlabel("position on the skin (mm)")
-    skin.legend()
-    energy.legend()
+        energy.append(Series("plot", *drawn.true, color=GREY, ls="--", label="finite elements",
+                             rows=rows_of("encoded", "true_mm", "true_sed")))  # fmt: skip
+    panels = [
+        Subplot(_PLACE, _PRESSURE, [*skin, guide("axhline", 0, color=GREY, lw=0.6)], printed="y"),
+        Subplot(_PLACE, f"SED, {operator.energy} (pseudo-units)", energy, printed="y" if drawn.receptor else "xy"),
+    ]
+    if drawn.receptor:
+        rates = Series("plot", operator.receptor_mm, encoded.rate, ls="-", marker=".", color=GREEN,
+                       rows=rows_of("encoded", "receptor_mm", "rate"))  # fmt: skip
+        panels.append(Subplot(_PLACE, f"rate ({RATE_UNIT})", [rates]))
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one in axes[2:]:
+            top = max(one.get_ylim()[1], _LEAST_RATE)
+            one.set_ylim(bottom=-0.05 * top, top=top)
+        _with_legends(figure, axes)
+
+    arrange = in_grid(len(panels), sharex=True)
+    return Plot((6.0, 7.2 if drawn.receptor else 5.4), panels, arrange=arrange, finish=finish)
 
 
 _LEAST_RATE = 1.0
@@ -110,42 +123,44 @@ class ImpulsePlot(NamedTuple):
 
 def impulse_figure(drawn: Mapping[str, ImpulsePlot]) -> Plot:
     """Plot one column for each kind of axes, by its name."""
-    return Plot((4.6 * len(drawn), 8.4), lambda figure: _draw_impulse(figure, drawn))
+    columns = [_impulse_panels(name, one, "xy" if k == 0 else "x") for k, (name, one) in enumerate(drawn.items())]
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for row in axes[:: len(drawn)]:
+            row.legend()
+
+    panels = [panel for row in zip(*columns, strict=True) for panel in row]
+    arrange = in_grid(len(panels), len(drawn), sharey="row")
+    return Plot((4.6 * len(drawn), 9.0), panels, arrange=arrange, finish=finish)
 
 
-def _draw_impulse(figure: Figure, drawn: Mapping[str, ImpulsePlot]) -> None:
-    panels = figure.subplots(3, len(drawn), squeeze=False, sharey="row")
-    for (response, spectrum, error), (name, (responses, errors)) in zip(panels.T, drawn.items(), strict=True):
-        response.set_title(f"{name} axes")
-        _responses(response, responses)
-        _spectra(spectrum, responses)
-        _errors(error, errors)
-    panels[0, 0].set_ylabel("strain by load on one sample (1/pseudo-unit)")
-    panels[1, 0].set_ylabel("amplitude over its maximum (1)")
-    panels[2, 0].set_ylabel("relative L2 error of shifting (%)")
-    for row in panels[:, 0]:
-        row.legend()
-
-
-def _responses(axes: Axes, responses: ImpulseResponses) -> None:
-    for name, means, colour, values in zip(NAMES, _MEANS, _IMPULSE_COLOURS, responses.strain, strict=True):
-        axes.plot(responses.sampling.place_mm, values, color=colour, label=f"{name} ({means})")
-    axes.plot(responses.sampling.place_mm, -responses.strain[1], color=GREY, lw=0.8, ls="--", label="−g")
-    axes.set_xlabel("position on the skin (mm)")
-
-
-def _spectra(axes: Axes, responses: ImpulseResponses) -> None:
-    frequency, amplitude = responses.spectra()
-    for name, colour, values in zip(NAMES, _IMPULSE_COLOURS, amplitude, strict=True):
-        axes.plot(frequency, values / values.max(), color=colour, label=name)
-    axes.set_xlabel("spatial frequency (cycles/mm)")
-
-
-def _errors(axes: Axes, errors: ShiftErrors) -> None:
-    for means, colour, values in zip(_MEANS, _IMPULSE_COLOURS, errors.strain, strict=True):
-        axes.plot(errors.place_mm, 100 * values, color=colour, label=means)
-    axes.plot(errors.place_mm, 100 * errors.sed, color=color_of("sed"), label="SED")
-    axes.set_xlabel("position of the load (mm)")
+def _impulse_panels(axes: str, drawn: ImpulsePlot, printed: str) -> tuple[Subplot, Subplot, Subplot]:
+    responses, errors = drawn.responses, drawn.errors
+    place, (frequency, amplitude) = responses.sampling.place_mm, responses.spectra()
+    response = [
+        Series("plot", place, values, color=colour, label=f"{name} ({means})",
+               rows=rows_of("impulse", "place_mm", name, axes=axes))
+        for name, means, colour, values in zip(NAMES, _MEANS, _IMPULSE_COLOURS, responses.strain, strict=True)
+    ]  # fmt: skip
+    response.append(Series("plot", place, -responses.strain[1], color=GREY, lw=0.8, ls="--", label="−g",
+                           rows=rows_of("impulse", "place_mm", "-g", axes=axes)))  # fmt: skip
+    spectrum = [
+        Series("plot", frequency, values / values.max(), color=colour, label=name,
+               rows=rows_of("impulse", "frequency", f"spectrum of {name}", axes=axes))
+        for name, colour, values in zip(NAMES, _IMPULSE_COLOURS, amplitude, strict=True)
+    ]  # fmt: skip
+    error = [
+        Series("plot", errors.place_mm, 100 * values, color=colour, label=means,
+               rows=rows_of("impulse", "load_mm", f"error of {means}", axes=axes))
+        for means, colour, values in zip(
+            (*_MEANS, "SED"), (*_IMPULSE_COLOURS, color_of("sed")), (*errors.strain, errors.sed), strict=True
+        )
+    ]  # fmt: skip
+    return (
+        Subplot(_PLACE, "strain by load on one sample (1/pseudo-unit)", response, f"{axes} axes", printed),
+        Subplot("spatial frequency (cycles/mm)", "amplitude over its maximum (1)", spectrum, printed=printed),
+        Subplot("position of the load (mm)", "relative L2 error of shifting (%)", error, printed=printed),
+    )
 
 
 _LARGEST_MM = 0.5  # drawn displacement under the load
@@ -160,49 +175,57 @@ class PointSpreadPlot(NamedTuple):
 
 def point_spread_figure(drawn: PointSpreadPlot) -> Plot:
     """Plot the deformed mesh, SED over the skin, and SED against distance."""
-    return Plot((10.2, 3.6), lambda figure: _draw_point_spread(figure, drawn))
-
-
-def _draw_point_spread(figure: Figure, drawn: PointSpreadPlot) -> None:
-    mesh, spread, fall = figure.subplots(1, 3)
-    _mesh(mesh, drawn.deformed, drawn.judged.spread.load_mm)
-    _spread(figure, spread, drawn.judged)
-    _fall(fall, drawn.judged)
-
-
-def _mesh(axes: Axes, section: Deformed, load_mm: Array) -> None:
+    section, spread, load = drawn.deformed, drawn.judged.spread, drawn.judged.spread.load_mm
     times = _LARGEST_MM / np.linalg.norm(section.moved_mm, axis=-1).max()
-    closed = [
+    before, after = (
         np.concatenate([nodes, nodes[:1]]) for nodes in (section.at_mm, section.at_mm + times * section.moved_mm)
-    ]
-    axes.plot(*closed[0][:, 0].T, color=GREY, lw=0.8, ls="--")
-    axes.add_collection(LineCollection([*closed[1].swapaxes(0, 1), *closed[1]], colors=BLUE, linewidths=0.3))
-    x, y = load_mm[:2].tolist()
-    axes.annotate("", (x, y), (x, y + 0.8), arrowprops={"arrowstyle": "->", "color": ORANGE})
-    axes.set_ylim(top=y + 1.0)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title=f"displacements × {times:.3g}")
-
-
-def _spread(figure: Figure, axes: Axes, judged: Judged) -> None:
-    x, _, z = judged.spread.sheet.skin_mm.T
-    shown = axes.tricontourf(x, z, judged.spread.sed, levels=12, cmap="viridis")
-    axes.plot(*judged.spread.load_mm[[0, 2]], "+", color="white")
-    figure.colorbar(shown, ax=axes, label="SED (pseudo-units)")
-    axes.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal", title=f"site {judged.spread.site.number}")
-
-
-def _fall(axes: Axes, judged: Judged) -> None:
-    distance = judged.spread.distance_mm
-    axes.loglog(distance, judged.spread.sed, ".", ms=2, color=GREY, label="receptors")
+    )
+    x, y = np.moveaxis(after, -1, 0)
+    mesh = [
+        Series("plot", *before[:, 0].T, color=GREY, lw=0.8, ls="--",
+               rows=rows_of("deformed", "skin_x_mm", "skin_y_mm")),
+        Series("plot", x, y, color=BLUE, lw=0.3, rows=rows_of("deformed", "x_mm", "y_mm")),
+        Series("plot", x.T, y.T, color=BLUE, lw=0.3, rows=rows_of("deformed", "x_mm across", "y_mm across")),
+    ]  # fmt: skip
+    skin_x, _, skin_z = spread.sheet.skin_mm.T
+    over = [
+        Series("tricontourf", skin_x, skin_z, spread.sed, levels=12, cmap="viridis",
+               rows=rows_of("point spread", "x_mm", "z_mm", "sed")),
+        Series("plot", *load[[0, 2]], ls="", marker="+", color="white",
+               rows=rows_of("point spread", "load_x", "load_z")),
+    ]  # fmt: skip
+    distance, laws = spread.distance_mm, (drawn.judged.linear, drawn.judged.logarithmic)
     r = np.linspace(distance.min(), distance.max(), 60)
-    for law, name, colour in ((judged.linear, "linear", BLUE), (judged.logarithmic, "logarithmic", ORANGE)):
-        axes.loglog(r, law.at(r), color=colour, label=rf"{name}: $r^{{-{law.m:.2f}}}$")
-    axes.set(xlabel="distance from the load (mm)", ylabel="SED (pseudo-units)")
-    axes.legend()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    fall = [
+        Series("loglog", distance, spread.sed, ls="", marker=".", ms=2, color=GREY, label="receptors",
+               rows=rows_of("point spread", "distance_mm", "sed")),
+        *(
+            Series("loglog", r, law.at(r), color=colour, label=rf"{name}: $r^{{-{law.m:.2f}}}$",
+                   rows=rows_of("point spread", "distance", name))
+            for law, name, colour in zip(laws, ("linear", "logarithmic"), (BLUE, ORANGE), strict=True)
+        ),
+    ]  # fmt: skip
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        left, middle, right = axes
+        x, y = load[:2].tolist()
+        left.annotate("", (x, y), (x, y + 0.8), arrowprops={"arrowstyle": "->", "color": ORANGE})
+        left.set_ylim(top=y + 1.0)
+        left.set(aspect="equal")
+        figure.colorbar(middle.collections[0], ax=middle, label=_SED)
+        middle.set(aspect="equal")
+        right.legend()
+        right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        for axis in (right.xaxis, right.yaxis):
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+
+    panels = [
+        Subplot("x (mm)", "y (mm)", mesh, f"displacements × {times:.3g}"),
+        Subplot("x (mm)", "z (mm)", over, f"site {spread.site.number}", color=_SED),
+        Subplot("distance from the load (mm)", _SED, fall),
+    ]
+    return Plot((10.2, 3.6), panels, arrange=in_grid(3, 3), finish=finish)
 
 
 _COLOURS = (ORANGE, BLUE, GREEN)
@@ -227,7 +250,30 @@ class ErrorSurface(NamedTuple):
 
 def search_figure(surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Array], true: Array | None) -> Plot:
     """Plot a panel per surface with the (moves + 1, 2) paths over it, and the error of each move below."""
-    return Plot((3.6 * len(surfaces), 6.4), lambda figure: _draw_search(figure, surfaces, paths, true))
+    away = f"distance from\n{('the end' if true is None else 'the true pressures')} (pseudo-units)"
+    ends = [entry(name, ls="", marker=marker, **style) for marker, name, style in _ENDS][
+        : None if true is not None else -1
+    ]
+
+    def arrange(figure: Figure) -> list[Axes]:
+        rows: Any = [list(surfaces), ["left"] * len(surfaces)]
+        return list(figure.subplot_mosaic(rows, height_ratios=[1.6, 1]).values())
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        *maps, left = axes
+        for one, surface in zip(maps, surfaces.values(), strict=True):
+            one.xaxis.set_major_locator(MaxNLocator(4))
+            one.set(xlim=surface.first[[0, -1]], ylim=surface.second[[0, -1]])
+        left.set(xscale="log", yscale="log")
+        left.legend(handles=[*left.get_legend_handles_labels()[0], *handles(ends)])
+
+    panels = [
+        Subplot("first pressure (pseudo-units)", "second pressure (pseudo-units)",
+              [*_surface(title, surface), *_ways(paths, true)], title, printed="x" if k else "xy", is_part=True)
+        for k, (title, surface) in enumerate(surfaces.items())
+    ]  # fmt: skip
+    panels.append(Subplot("position along the trajectory (1)", away, _what_is_left(paths, true)))
+    return Plot((3.6 * len(surfaces), 6.4), panels, arrange=arrange, finish=finish, legend=ends)
 
 
 def extents(path: Array) -> dict[str, tuple[Array, Array]]:
@@ -241,44 +287,39 @@ def _about(places: Array) -> tuple[Array, Array]:
     return low - room, high + room
 
 
-def _draw_search(
-    figure: Figure, surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Array], true: Array | None
-) -> None:
-    panels = figure.subplot_mosaic([list(surfaces), ["left"] * len(surfaces)], height_ratios=[1.6, 1])
-    for title, surface in surfaces.items():
-        _surface(panels[title], surface)
-        _ways(panels[title], paths, true)
-        panels[title].set(title=title, xlim=surface.first[[0, -1]], ylim=surface.second[[0, -1]])
-        panels[title].set_xlabel("first pressure (pseudo-units)")
-    next(iter(panels.values())).set_ylabel("second pressure (pseudo-units)")
-    _what_is_left(panels["left"], paths, true)
+def _surface(title: str, surface: ErrorSurface) -> list[Series]:
+    decades = np.log10(np.maximum(surface.error / surface.error.max(), 10 ** _DECADES[0])).T
+    at = surface.first, surface.second
+    rows = rows_of("error surface", "first", "second", "decades", surface=title)
+    return [
+        Series("contourf", *at, decades, levels=_DECADES, cmap="Greys_r", rows=rows),
+        guide("contour", *at, decades, levels=_DECADES, colors="white", linewidths=0.3),
+    ]
 
 
-def _surface(axes: Axes, surface: ErrorSurface) -> None:
-    decades = np.log10(np.maximum(surface.error / surface.error.max(), 10 ** _DECADES[0]))
-    axes.contourf(surface.first, surface.second, decades.T, levels=_DECADES, cmap="Greys_r")
-    axes.contour(surface.first, surface.second, decades.T, levels=_DECADES, colors="white", linewidths=0.3)
-
-
-def _ways(axes: Axes, paths: Mapping[str, Array], true: Array | None) -> None:
+def _ways(paths: Mapping[str, Array], true: Array | None) -> list[Series]:
+    series = []
     for (name, path), colour in zip(paths.items(), _COLOURS, strict=False):
-        axes.plot(*path.T, ".-", color=colour, lw=0.9, ms=3, label=name)
-        axes.plot(*path[0], "o", color="white", mec=colour)
-        axes.plot(*path[-1], "s", color=colour, ms=5)
-    axes.xaxis.set_major_locator(MaxNLocator(4))
-    if true is not None:
-        axes.plot(*true, "*", color="white", mec="black", ms=11)
+        rows = rows_of("paths", "first", "second", path=name)
+        series += [
+            Series("plot", *path.T, ls="-", marker=".", color=colour, lw=0.9, ms=3, label=name, rows=rows),
+            guide("plot", *path[0], ls="", marker="o", color="white", mec=colour),
+            guide("plot", *path[-1], ls="", marker="s", color=colour, ms=5),
+        ]
+    return [
+        *series,
+        *([] if true is None else [guide("plot", *true, ls="", marker="*", color="white", mec="black", ms=11)]),
+    ]
 
 
-def _what_is_left(axes: Axes, paths: Mapping[str, Array], true: Array | None) -> None:
+def _what_is_left(paths: Mapping[str, Array], true: Array | None) -> list[Series]:
+    series = []
     for (name, path), colour in zip(paths.items(), _COLOURS, strict=False):
         away = np.linalg.norm(path - (path[-1] if true is None else true), axis=1)
-        axes.plot(np.arange(1, len(path) + 1), np.where(away > _LOWEST, away, np.nan), color=colour, label=name)
-    axes.set(xscale="log", yscale="log", xlabel="position along the trajectory (1)")
-    axes.set_ylabel(f"distance from {('the end' if true is None else 'the true pressures')} (pseudo-units)")
-    handles, _ = axes.get_legend_handles_labels()
-    handles += [Line2D([], [], ls="", marker=marker, label=name, **style) for marker, name, style in _ENDS]
-    axes.legend(handles=handles if true is not None else handles[:-1])
+        seen = np.where(away > _LOWEST, away, np.nan)
+        rows = rows_of("paths", "move", "away", path=name)
+        series.append(Series("plot", np.arange(1, len(path) + 1), seen, color=colour, label=name, rows=rows))
+    return series
 
 
 class SheetPlot(NamedTuple):
@@ -293,18 +334,25 @@ class SheetPlot(NamedTuple):
 
 def sheet_figure(drawn: SheetPlot) -> Plot:
     """Plot pressures and their standard deviation on one color scale, with the receptors."""
-    return Plot((9.6, 4.2), lambda figure: _draw_sheet(figure, drawn))
-
-
-def _draw_sheet(figure: Figure, drawn: SheetPlot) -> None:
     highest = max(float(drawn.pressure.max()), float(drawn.sd.max()))
-    for axes, values, title in zip(
-        figure.subplots(1, 2, sharey=True),
-        (drawn.pressure, drawn.sd),
-        ("pressure", "standard deviation"),
-        strict=True,
-    ):
-        shown = axes.pcolormesh(drawn.z_mm, drawn.x_mm, values, vmin=0.0, vmax=highest, cmap="viridis")
-        axes.plot(drawn.receptor_mm[:, 1], drawn.receptor_mm[:, 0], ".", color="white", ms=2)
-        axes.set(title=title, xlabel="z (mm)", ylabel="x (mm)", aspect="equal")
-        figure.colorbar(shown, ax=axes, label=f"{title} (pseudo-units)")
+    panels = [
+        Subplot(
+            "z (mm)",
+            "x (mm)",
+            [
+                Series("pcolormesh", drawn.z_mm, drawn.x_mm, values, vmin=0.0, vmax=highest, cmap="viridis",
+                       rows=rows_of("sheet", "z_mm", "x_mm", title)),
+                Series("plot", *drawn.receptor_mm[:, ::-1].T, ls="", marker=".", color="white", ms=2,
+                       rows=rows_of("sheet", "receptor_z_mm", "receptor_x_mm")),
+            ],
+            title, color=f"{title} (pseudo-units)",
+        )
+        for values, title in ((drawn.pressure, "pressure"), (drawn.sd, "standard deviation"))
+    ]  # fmt: skip
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one, panel in zip(axes, panels, strict=True):
+            one.set(aspect="equal")
+            figure.colorbar(one.collections[0], ax=one, label=panel.color)
+
+    return Plot((9.6, 4.2), panels, arrange=in_grid(2, 2, sharey=True), finish=finish)

@@ -12,7 +12,6 @@ import numpy as np
 
 from rig.compare.comparison import COLLINEAR, Comparison, Overlay
 from rig.compare.comparison_rows import threshold_rows
-from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.place_grid import PlaceRow, ReceptorLocation, in_mm, within
 from rig.compare.profile_shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.recordings.reading import sha256
@@ -22,8 +21,9 @@ from rig.compare.verdict_text import probability
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.report import profile_figures
-from rig.report.page_parts import PageFigure, Section, alone, figures_of, render
+from rig.report.page_parts import Section, alone, figures_of, render
 from rig.report.page_source import source_line
+from rig.report.plot import Plot
 from rig.report.profile_figures import strain_maps
 from rig.report.recording_sections import SURVIVORS, frame, source_sections
 from rig.report.style import as_number, as_positions, label, unit
@@ -36,20 +36,35 @@ from sim.units import PSEUDO_E_EPIDERMIS
 _MOST_SHOWN = 3
 
 
-def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[PageFigure]:
+def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[Plot]:
     """Return figures of profiles and shape tests, none larger than a printed page."""
-    profiles = [_profiles(s, shown, tested=comparison.passes(s) is not None) for s in _moved(comparison)]
-    return [*_heat_maps(comparison), *profiles]
-
-
-def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[PageFigure]:
-    """Return the figures of the simulation, in the order of the page."""
-    moved = _moved(comparison)
+    draw = partial(profile_figures.correlations, comparison)
     return [
-        *(_population(stimulus, shown) for stimulus in comparison.stimuli),
-        *_pressures(moved),
-        *_strain_maps(maps),
+        *figures_of(comparison.judged, profile_figures.CORRELATIONS_A_PAGE, draw),
+        *(_profiles(comparison, stimulus, shown) for stimulus in _moved(comparison)),
     ]
+
+
+def _profiles(comparison: Comparison, stimulus: StimulusRow, shown: Sequence[str]) -> Plot:
+    return profile_figures.ssrps(stimulus, shown, tested=comparison.passes(stimulus) is not None)
+
+
+def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Plot]:
+    """Return the figures of the simulation, in the order of the page."""
+    return [
+        *(profile_figures.populations(stimulus, shown) for stimulus in comparison.stimuli),
+        *figures_of(_moved(comparison), profile_figures.PRESSURES_A_PAGE, profile_figures.pressure_maps),
+        *(
+            strain_maps(list(members), f"Strain under the skin: {title}", _STRAIN)
+            for title, members in groupby(maps, key=lambda one: one.stimulus.title)
+        ),
+    ]
+
+
+_STRAIN = (
+    ", at up to three positions of the schedule, with one value per element and no smoothing. The epidermis is ten "
+    "times as stiff as the layers below it."
+)
 
 
 def shown_measures(comparison: Comparison, answers: Sequence[AfferentVerdict]) -> list[str]:
@@ -62,69 +77,6 @@ def shown_measures(comparison: Comparison, answers: Sequence[AfferentVerdict]) -
 
 def _moved(comparison: Comparison) -> list[StimulusRow]:
     return [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
-
-
-def _heat_maps(comparison: Comparison) -> list[PageFigure]:
-    title, caption = f"Shape test, {len(MEASURES)} measures × receptors", "Dots: the SSRP passes the shape test. "
-    if comparison.overlays:
-        title = f"Correlation and {title[0].lower()}{title[1:]}"
-        caption += (
-            "Color: Pearson's correlation between the recorded rates and the SSRP at the recorded positions; "
-            f"dash: negative; gray: nothing recorded, or fewer than {FEWEST_POSITIONS} positions covered. In "
-            "brackets: how many recorded positions the run covers at the receptor. "
-        )
-    caption += "Compressive measures are plotted with their sign changed (−)."
-    draw = partial(profile_figures.correlations, comparison)
-    return figures_of(title, comparison.judged, profile_figures.CORRELATIONS_A_PAGE, draw, caption)
-
-
-def _profiles(stimulus: StimulusRow, shown: Sequence[str], *, tested: bool) -> PageFigure:
-    caption = (
-        "One profile per receptor, shifted upwards. Dotted: the mean of the two ends; black tick: x of the receptor."
-    )
-    test = (
-        " Colored profiles pass the shape test, gray ones do not. Black bars: the smallest dip (steps) or "
-        f"prominence (bars) that counts, {100 * THRESHOLD:g} % of the peak or of the range."
-    )
-    drawn = profile_figures.ssrps(stimulus, shown)
-    if tested:
-        return PageFigure(f"SSRPs and shape test: {stimulus.title}", drawn, caption + test)
-    return PageFigure(f"SSRPs: {stimulus.title}", drawn, caption)
-
-
-def _population(stimulus: StimulusRow, shown: Sequence[str]) -> PageFigure:
-    return PageFigure(
-        f"Population responses: {stimulus.title}",
-        profile_figures.populations(stimulus, shown),
-        "The measures at all receptors, a line for each position of the indentor."
-        if profile_figures.are_few(stimulus)
-        else "The measures at all receptors. Each row is a position of the indentor. Dotted: the indentor's "
-        "reference point is over the receptor. Black: zero, where a measure has both signs.",
-    )
-
-
-def _pressures(moved: Sequence[StimulusRow]) -> list[PageFigure]:
-    return figures_of(
-        "Pressure and contact regions along the schedules",
-        moved,
-        profile_figures.PRESSURES_A_PAGE,
-        profile_figures.pressure_maps,
-        "Nodal pressure in the receptor plane, unfiltered; each panel has its own scale. Each row is a "
-        "position of the indentor and extends halfway to the next. White: the ends of the contact regions.",
-    )
-
-
-def _strain_maps(maps: Sequence[StimulusMap]) -> list[PageFigure]:
-    return [
-        PageFigure(
-            f"Strain under the skin: {title}",
-            strain_maps(list(members)),
-            "The deformed receptor plane, at up to three positions of the schedule, with one value per "
-            "element and no smoothing. The epidermis is ten times as stiff as the layers below it. White "
-            "circles: receptors. The highest 3 % of the elements share the top color.",
-        )
-        for title, members in groupby(maps, key=lambda one: one.stimulus.title)
-    ]
 
 
 _HEADER = ("measure", "definition", "unit", "plotted as", "range as plotted", "share with the other sign")
@@ -166,7 +118,7 @@ _ONLY_SIMULATED = (
 )
 
 
-def shape_sections(comparison: Comparison, figures: list[PageFigure]) -> list[Section]:
+def shape_sections(comparison: Comparison, figures: list[Plot]) -> list[Section]:
     """Return the shape-test verdicts with `figures`, their dependence on the threshold, and collinear measures."""
     judged = [stimulus for stimulus in comparison.stimuli if comparison.passes(stimulus) is not None]
     title = "The shape test: a property of the simulation"
@@ -307,12 +259,12 @@ def _figure_before_table(section: Section) -> list[Section]:
     return [replace(section, text=message, header=(), rows=()), table]
 
 
-def _overview(comparison: Comparison, shown: Sequence[str]) -> PageFigure:
+def _overview(comparison: Comparison, shown: Sequence[str]) -> Plot:
     """Return the figure that opens a page without a verdict: simulated profiles."""
     moved = _moved(comparison)
     if not moved:
-        return _population(comparison.stimuli[0], shown)
-    return _profiles(moved[0], shown, tested=comparison.passes(moved[0]) is not None)
+        return profile_figures.populations(comparison.stimuli[0], shown)
+    return _profiles(comparison, moved[0], shown)
 
 
 def simulation_sections(

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.figure import Figure as Canvas
+from matplotlib.figure import Figure
 
 from rig.data.folder import replace_text
 from rig.design.confusion import Confusion, share_and_error
@@ -22,9 +23,10 @@ from rig.design.design_text import (
     separation_line,
 )
 from rig.design.power import PowerRow
-from rig.report.page_parts import PageFigure, Section, alone, render
+from rig.report.page_parts import Section, alone, render
 from rig.report.page_source import source_line
-from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, shade, signed
+from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
+from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, as_number, shade, signed
 from rig.report.title_lines import title_lines
 from rig_shared.plural import number_of
 
@@ -50,7 +52,7 @@ def write_design_page(path: Path, page: DesignPage) -> None:
     found = page.design
     request = found.request
     sections = [
-        Section("The design", headline(found), figures=(_map(found),)),
+        Section("The design", headline(found), figures=(press_map(found),)),
         Section(
             "The presses",
             f"{about_the_design(found)} Each row is one of the presses that differ. The session takes "
@@ -81,25 +83,8 @@ def write_design_page(path: Path, page: DesignPage) -> None:
 def figure_sections(page: DesignPage) -> list[Section]:
     """Return the figures with their headings."""
     found = page.design
-    figures = [PageFigure("Expected confusion", confusion(found.outcome), _CONFUSION)]
-    if len(found.durations) > 1:
-        figures.insert(0, PageFigure("Failures against minutes", curves(found), _CURVES))
-    figures.append(PageFigure("What each group of presses adds", growth(found), _GROWTH))
-    return [alone(one) for one in figures]
-
-
-def _map(found: Design) -> PageFigure:
-    made = found.presses
-    unused = [one for one in found.request.shapes if one not in {press.shape for press in made}]
-    left_out = f" Not used: {', '.join(unused)}." if unused else ""
-    return PageFigure(
-        "The design",
-        press_map(found),
-        "Where each indentor is pressed, one panel per block, in the order of the session. Color: when in the "
-        "session, the mean over repeats. The area of a circle and the number in it: repeats. Small dots: possible "
-        f"presses that were not chosen.{left_out}",
-        message=headline(found),
-    )
+    against_minutes = [curves(found)] if len(found.durations) > 1 else []
+    return [alone(one) for one in (*against_minutes, confusion(found.outcome), growth(found))]
 
 
 def press_map(found: Design) -> Plot:
@@ -108,77 +93,88 @@ def press_map(found: Design) -> Plot:
     shapes = list(dict.fromkeys(presses[k].shape for k in order))
     columns = min(len(shapes), _MAPS_ACROSS)
     down = -(-len(shapes) // columns)
+    scale = Normalize(1, max(len(order), 2))
+    repeats: list[list[tuple[tuple[float, float], int]]] = []
+    panels = []
+    for number, shape in enumerate(shapes, 1):
+        mine = [k for k in order if presses[k].shape == shape]
+        rest = [p for k, p in enumerate(presses) if p.shape == shape and k not in set(mine)]
+        times = {k: mine.count(k) for k in mine}
+        at = [(presses[k].x_mm, presses[k].target) for k in times]
+        when = [float(np.mean([n for n, one in enumerate(order, 1) if one == k])) for k in times]
+        repeats.append(list(zip(at, times.values(), strict=True)))
+        series = [
+            Series("plot", [p.x_mm for p in rest], [p.target for p in rest], ls="", marker=".", color=GREY, ms=3,
+                   rows=rows_of("not chosen", "x_mm", "target", shape=shape)),
+            Series("scatter", *np.transpose(at), _ONCE_PT**2 * np.array(list(times.values())), when, cmap=_SESSION,
+                   norm=scale, edgecolors=GREY, linewidths=0.5, zorder=2,
+                   rows=rows_of("session", "x_mm", "target", "area", "number", shape=shape)),
+        ]  # fmt: skip
+        about = f"{number}. {shape}: {number_of(len(mine), 'presses')}"
+        title, printed = title_lines(about, 9.0 / columns - 0.4, 9), "xy" if number % columns == 1 % columns else "x"
+        panels.append(Subplot(_X, _target(found), series, title, printed, color="number in the session (1)"))
 
-    def draw(figure: Canvas) -> None:
-        grid = figure.subplots(down, columns, squeeze=False, sharex=True, sharey=True)
-        scale = Normalize(1, max(len(order), 2))
-        for axes in list(grid.flat)[len(shapes) :]:
-            axes.set_axis_off()
-        for number, (axes, shape) in enumerate(zip(grid.flat, shapes, strict=False), 1):
-            mine = [k for k in order if presses[k].shape == shape]
-            rest = [p for k, p in enumerate(presses) if p.shape == shape and k not in set(mine)]
-            axes.plot([p.x_mm for p in rest], [p.target for p in rest], ".", color=GREY, ms=3)
-            different = list(dict.fromkeys(mine))
-            times = [mine.count(k) for k in different]
-            at = [(presses[k].x_mm, presses[k].target) for k in different]
-            when = [float(np.mean([n for n, one in enumerate(order, 1) if one == k])) for k in different]
-            shown = axes.scatter(
-                *np.transpose(at), s=_ONCE_PT**2 * np.array(times), c=when, cmap=_SESSION, norm=scale,
-                edgecolors=GREY, linewidths=0.5, zorder=2,
-            )  # fmt: skip
-            for place, count in zip(at, times, strict=True):
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one, mine in zip(axes, repeats, strict=True):
+            for place, count in mine:
                 if count > 1:
-                    axes.annotate(f"{count}", place, ha="center", va="center", fontsize=7, color="white")
-            about = f"{number}. {shape}: {number_of(len(mine), 'presses')}"
-            axes.set_title(title_lines(about, 9.0 / columns - 0.4, 9), fontsize=9)
-            axes.set_xlabel("indentor x (mm)")
+                    one.annotate(f"{count}", place, ha="center", va="center", fontsize=7, color="white")
         if presses[0].kind == "doi_mm":
-            grid[0, 0].invert_yaxis()
-        for axes in grid[:, 0]:
-            axes.set_ylabel(_target(found))
-        figure.colorbar(shown, ax=grid.ravel().tolist(), label="number in the session (1)", pad=0.02)
+            axes[0].invert_yaxis()
+        figure.colorbar(axes[-1].collections[0], ax=figure.axes, label=panels[0].color, pad=0.02)
 
-    return Plot((10.2 if columns > 1 else 6.4, 0.3 + 3.0 * down), draw)
+    unused = [one for one in found.request.shapes if one not in {press.shape for press in found.presses}]
+    left_out = f" Not used: {', '.join(unused)}." if unused else ""
+    return Plot(
+        (10.2 if columns > 1 else 6.4, 0.3 + 3.0 * down), panels,
+        "The design",
+        "Where each indentor is pressed, one panel per block, in the order of the session. Color: when in the "
+        "session, the mean over repeats. The area of a circle and the number in it: repeats. Small dots: possible "
+        f"presses that were not chosen.{left_out}",
+        headline(found), arrange=in_grid(len(panels), columns, sharex=True, sharey=True), finish=finish,
+        titles={"fontsize": 9},
+    )  # fmt: skip
 
 
-_CURVES = (
-    "Share of simulated experiments that fail, and that have the truth in their set, with one standard error of the "
-    "simulation. Dotted: 90 %."
-)
-_CONFUSION = (
-    "Share of experiments in which the column is the most probable candidate, when the row is true. Every row has as "
-    "many experiments. Empty cells: less than 0.5 %."
-)
-_GROWTH = (
-    "Information about the candidate as the design grew, before presses were exchanged, on the simulated data that "
-    "it was chosen with. The dashed line is complete knowledge. It may fall by the error of its simulation."
-)
+_X = "indentor x (mm)"
 
 
 def curves(found: Design) -> Plot:
     """Plot failures and coverage of every design against minutes."""
 
-    def draw(figure: Canvas) -> None:
-        left, right = figure.subplots(1, 2)
+    def lines(kind: str) -> list[Series]:
+        series = []
         for color, name in zip(_COLORS, found.names, strict=False):
             mine = [found.at(name, minutes) for minutes in found.durations if _has(found, name, minutes)]
-            minutes = [one.minutes for one in mine]
-            for axes, kind in ((left, "failed"), (right, "kept")):
-                share, error = np.array([share_and_error(getattr(one, kind)) for one in mine]).T
-                axes.errorbar(minutes, 100 * share, 100 * error, color=color, marker="o", ms=4, lw=1, label=name)
-        left.set_ylabel("failures (%)")
-        right.set_ylabel("truth in the set (%)")
-        right.axhline(90, color=GREY, lw=0.8, ls=DOTTED)
+            share, error = np.array([share_and_error(getattr(one, kind)) for one in mine]).T
+            series.append(
+                Series("errorbar", [one.minutes for one in mine], 100 * share, 100 * error, color=color, marker="o",
+                       ms=4, lw=1, label=name, rows=rows_of("outcomes", "minutes", kind, f"{kind} sd", design=name))
+            )  # fmt: skip
+        return series
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        left, right = axes
         right.set_ylim(None, 101)
         left.set_ylim(-1, None)
-        for axes in (left, right):
-            axes.set_xscale("log")
-            axes.set_xticks(found.durations, [f"{m:g}" for m in found.durations])
-            axes.minorticks_off()
-            axes.set_xlabel("session (min)")
+        for one in axes:
+            one.set_xscale("log")
+            one.set_xticks(found.durations, [f"{m:g}" for m in found.durations])
+            one.minorticks_off()
         left.legend()
 
-    return Plot((10.2, 3.6), draw)
+    level = guide("axhline", 90, color=GREY, lw=0.8, ls=DOTTED)
+    return Plot(
+        (10.2, 3.6),
+        [
+            Subplot("session (min)", "failures (%)", lines("failed")),
+            Subplot("session (min)", "truth in the set (%)", [*lines("kept"), level]),
+        ],
+        "Failures against minutes",
+        "Share of simulated experiments that fail, and that have the truth in their set, with one standard error of "
+        "the simulation. Dotted: 90 %.",
+        arrange=in_grid(2, 2), finish=finish,
+    )  # fmt: skip
 
 
 def _has(found: Design, name: str, minutes: float) -> bool:
@@ -187,49 +183,52 @@ def _has(found: Design, name: str, minutes: float) -> bool:
 
 def confusion(outcome: Confusion) -> Plot:
     """Plot the confusion matrix."""
-    n = len(outcome.candidates)
+    names, n = outcome.candidates, len(outcome.candidates)
     side = max(3.2, 0.32 * n + 1.4)
+    image = Series("imshow", 100 * outcome.matrix, vmin=0, vmax=100, cmap="Blues", rows=rows_of("confusion", "share"))
+    panel = Subplot(
+        "most probable candidate (1)", "true candidate (1)", [image], x_names=names, y_names=names, color=_SHARE
+    )
 
-    def draw(figure: Canvas) -> None:
-        axes = figure.subplots()
-        shown = axes.imshow(100 * outcome.matrix, vmin=0, vmax=100, cmap="Blues")
-        axes.set_xticks(range(n), outcome.candidates, rotation=60, ha="right")
-        axes.set_yticks(range(n), outcome.candidates)
-        axes.set_xlabel("most probable candidate (1)")
-        axes.set_ylabel("true candidate (1)")
-        for row in range(n):
-            for column in range(n):
-                share = 100 * outcome.matrix[row, column]
-                if share >= 0.5 and (n <= _MOST_NAMED or row != column):
-                    text = f"{share:.0f}" + (f" ± {100 * outcome.error[row, column]:.0f}" if n <= _MOST_NAMED else "")
-                    axes.text(
-                        column,
-                        row,
-                        text,
-                        ha="center",
-                        va="center",
-                        fontsize=7,
-                        color="white" if share > 60 else "black",
-                    )
-        figure.colorbar(shown, ax=axes, label="experiments (%)", shrink=0.8)
+    def finish(figure: Figure, panels: list[Axes]) -> None:
+        (axes,) = panels
+        axes.set_xticks(range(n), names, rotation=60, ha="right")
+        axes.set_yticks(range(n), names)
+        for row, column in np.argwhere(100 * outcome.matrix >= 0.5).tolist():
+            share, error = 100 * outcome.matrix[row, column], 100 * outcome.error[row, column]
+            if n <= _MOST_NAMED or row != column:
+                text = f"{share:.0f}" + (f" ± {error:.0f}" if n <= _MOST_NAMED else "")
+                color = "white" if share > 60 else "black"
+                axes.text(column, row, text, ha="center", va="center", fontsize=7, color=color)
+        figure.colorbar(axes.images[0], ax=axes, label=_SHARE, shrink=0.8)
 
-    return Plot((side + 1.4, side), draw)
+    return Plot(
+        (side + 1.4, side), [panel],
+        "Expected confusion",
+        "Share of experiments in which the column is the most probable candidate, when the row is true. Every row "
+        "has as many experiments. Empty cells: less than 0.5 %.",
+        finish=finish,
+    )  # fmt: skip
+
+
+_SHARE = "experiments (%)"
 
 
 def growth(found: Design) -> Plot:
     """Plot information against the number of presses, as the design grew."""
-    steps = found.chosen.steps
-    number = np.cumsum([len(step.presses) for step in steps])
-
-    def draw(figure: Canvas) -> None:
-        axes = figure.subplots()
-        axes.plot([0, *number], [0.0, *(step.bits for step in steps)], "o-", color=BLUE, ms=3, lw=1)
-        axes.axhline(np.log2(len(found.request.candidates)), color=GREY, lw=0.8, ls="--")
-        axes.set_xlabel("number of presses (1)")
-        axes.set_ylabel("information (bits)")
-        axes.set_ylim(0, None)
-
-    return Plot((6.4, 3.2), draw)
+    number = np.cumsum([0, *(len(step.presses) for step in found.chosen.steps)])
+    bits = [0.0, *(step.bits for step in found.chosen.steps)]
+    line = Series(
+        "plot", number, bits, ls="-", marker="o", color=BLUE, ms=3, lw=1, rows=rows_of("steps", "presses", "bits")
+    )
+    complete = guide("axhline", np.log2(len(found.request.candidates)), color=GREY, lw=0.8, ls="--")
+    return Plot(
+        (6.4, 3.2), [Subplot("number of presses (1)", "information (bits)", [line, complete])],
+        "What each group of presses adds",
+        "Information about the candidate as the design grew, before presses were exchanged, on the simulated data "
+        "that it was chosen with. The dashed line is complete knowledge. It may fall by the error of its simulation.",
+        finish=lambda figure, axes: axes[0].set_ylim(0, None),
+    )  # fmt: skip
 
 
 def _target(found: Design) -> str:

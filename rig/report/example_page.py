@@ -6,6 +6,7 @@ from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rig.compare.example import (
@@ -22,8 +23,9 @@ from rig.compare.example import (
 from rig.compare.fit import fit_rates, predicted
 from rig.compare.verdict_text import percent, probability
 from rig.report.measure_colors import color_of
-from rig.report.page_parts import PageFigure, Section
-from rig.report.style import GREY, Plot, as_number
+from rig.report.page_parts import Section
+from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
+from rig.report.style import GREY, as_number
 from sim.models.fingertip import Fingertip
 
 HEADER = (
@@ -141,7 +143,7 @@ def example_sections(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> 
     levels = read_levels()
     first, undecided, depends = lead_sentences(verdicts, levels)
     return [
-        Section("The recording under the 3 mm bar", first, figures=(_profiles(rehearsal, verdicts),)),
+        Section("The recording under the 3 mm bar", first, figures=(profiles(rehearsal, verdicts),)),
         Section("What is open, and what it depends on", f"{undecided} {depends}", points=_about(rehearsal, verdicts)),
         *(_phase(one) for one in verdicts),
         *_sensitivity(levels),
@@ -218,20 +220,39 @@ def _sensitivity(levels: Sequence[Level]) -> list[Section]:
     ]
 
 
-def _profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> PageFigure:
-    return PageFigure(
+def profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> Plot:
+    """Plot recorded and predicted rates of both phases."""
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one in axes:
+            low, high = one.get_ylim()
+            one.set_ylim(low, high + 0.45 * (high - low))
+            one.legend(fontsize=7.5, frameon=False, loc="upper center")
+
+    return Plot(
+        (8.4, 3.3),
+        [
+            Subplot(
+                "position of the bar from the field center (mm)",
+                "discharge rate (impulses/s)",
+                _rates(rehearsal, one),
+                f"{one.phase} phase", printed="xy" if one is verdicts[0] else "x",
+            )
+            for one in verdicts
+        ],
         "Recorded and predicted rates under the 3 mm bar",
-        Plot((8.4, 3.3), lambda figure: draw_profiles(figure, rehearsal, verdicts)),
         "Dots: recorded rates of one SA-I afferent (Phillips and Johnson 1981). Lines: the candidate that predicts "
         "most of the held-out deviance, that of another measure, and that of a control, each with its own k and ε₀ "
         "and with the share that it predicts. The verdict below ranks by likelihood instead.",
-    )
+        arrange=in_grid(len(verdicts), len(verdicts)), finish=finish, titles={"fontsize": 9}, labels={"fontsize": 8},
+        ticks={"labelsize": 8},
+    )  # fmt: skip
 
 
 def plot_example(figure: Figure) -> None:
     """Plot the rates of both phases, recorded and predicted on the default finger."""
     rehearsal = rehearse(Fingertip.load().keeping_ways(), positions())
-    draw_profiles(figure, rehearsal, [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES])
+    profiles(rehearsal, [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES]).draw(figure)
 
 
 def _of(row: PhaseCandidate) -> str:
@@ -239,31 +260,26 @@ def _of(row: PhaseCandidate) -> str:
     return row.name.rpartition(" rate of ")[2]
 
 
-def draw_profiles(figure: Figure, rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> None:
-    """Plot recorded and predicted rates of both phases."""
-    panels = figure.subplots(1, len(verdicts))
-    for axes, one in zip(panels, verdicts, strict=True):
-        recording = recorded(one.phase)
-        others = next((row for row in one.rows if not row.control and _of(row) != _of(one.best)), None)
-        control = next((row for row in one.rows if row.control), None)
-        fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 281)
-        for row, style in ((control, ":"), (others, "--"), (one.best, "-")):
-            if row is None:
-                continue
-            names, at = rehearsal.at(recording.position_mm)
-            _, between = rehearsal.at(fine)
-            receptor = int(np.argmin(np.abs(rehearsal.stimulus.receptor_mm - (row.receptor_mm or 0.0))))
-            eps, known = (values[names.index(row.name), :, receptor] for values in (at, between))
-            here = np.isfinite(eps)
-            fit = fit_rates(eps[here], recording.rate[here])
-            about = f"{titled(row)}{' (control)' * row.control}: {percent(row.held_out)}"
-            axes.plot(fine, predicted(fit, known), style, color=color_of(row.name), lw=1.5, label=about)
-        axes.plot(recording.position_mm, recording.rate, "o", ms=3.5, color="black", label="recorded")
-        axes.set_title(f"{one.phase} phase", fontsize=9)
-        axes.set_xlabel("position of the bar from the field center (mm)", fontsize=8)
-        axes.axhline(0, color=GREY, lw=0.5)
-        axes.tick_params(labelsize=8)
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.45 * (high - low))
-        axes.legend(fontsize=7.5, frameon=False, loc="upper center")
-    panels[0].set_ylabel("discharge rate (impulses/s)", fontsize=8)
+def _rates(rehearsal: Rehearsal, one: PhaseVerdict) -> list[Series]:
+    recording = recorded(one.phase)
+    others = next((row for row in one.rows if not row.control and _of(row) != _of(one.best)), None)
+    control = next((row for row in one.rows if row.control), None)
+    fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 281)
+    series = []
+    for row, style in ((control, ":"), (others, "--"), (one.best, "-")):
+        if row is None:
+            continue
+        names, at = rehearsal.at(recording.position_mm)
+        _, between = rehearsal.at(fine)
+        receptor = int(np.argmin(np.abs(rehearsal.stimulus.receptor_mm - (row.receptor_mm or 0.0))))
+        eps, known = (values[names.index(row.name), :, receptor] for values in (at, between))
+        here = np.isfinite(eps)
+        fit = fit_rates(eps[here], recording.rate[here])
+        about = f"{titled(row)}{' (control)' * row.control}: {percent(row.held_out)}"
+        shown = rows_of("example", "position_mm", "predicted", phase=one.phase, row=row)
+        line = predicted(fit, known)
+        series.append(Series("plot", fine, line, rows=shown, ls=style, color=color_of(row.name), lw=1.5, label=about))
+    shown = rows_of("example", "position_mm", "rate", phase=one.phase)
+    dots = {"ls": "", "marker": "o", "ms": 3.5, "color": "black", "label": "recorded"}
+    points = Series("plot", recording.position_mm, recording.rate, rows=shown, **dots)
+    return [*series, points, guide("axhline", 0, color=GREY, lw=0.5)]

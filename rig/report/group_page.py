@@ -6,6 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
@@ -19,10 +20,11 @@ from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import percent, positions
 from rig.data import Run
 from rig.data.folder import replace_text
-from rig.report.page_parts import PageFigure, Section, render
+from rig.report.page_parts import Section, render
 from rig.report.page_source import source_line
+from rig.report.plot import Plot, Series, Subplot, rows_of
 from rig.report.spikes_section import spikes_sections
-from rig.report.style import Plot, as_limits, as_number
+from rig.report.style import as_limits, as_number
 from rig_shared.plural import number_of
 
 _WIDE_IN, _ROW_IN, _AROUND_IN = 9.0, 0.24, 1.9
@@ -69,7 +71,7 @@ def write_group_page(path: Path, page: GroupPage) -> None:
 def group_sections(page: GroupPage) -> list[Section]:
     """Return the sections in page order."""
     verdict = page.verdict
-    figures = () if verdict is None else (_figure(verdict),)
+    figures = () if verdict is None else (log_likelihoods(verdict),)
     found = [Section("Verdict on the group", sentence_of_group(verdict), figures=figures)]
     if verdict is not None:
         found.append(Section("Details", "", points=(*sentences_of_group(verdict), *_left_out(page))))
@@ -158,34 +160,34 @@ def _provenance(page: GroupPage) -> Section:
     return Section("Provenance", text, ("run", "SHA-256 of events.jsonl", "of config.toml"), tuple(rows))
 
 
-def _figure(verdict: GroupVerdict) -> PageFigure:
-    return PageFigure(
-        "Log-likelihood of each afferent under each measure in common",
-        log_likelihoods(verdict),
-        "Difference from the highest log-likelihood of the afferent; darker is worse, and differences above "
-        f"{_MOST:g} look alike. Numbers at the top: probabilities in the group.",
-        message=sentence_of_group(verdict),
-    )
-
-
 def log_likelihoods(verdict: GroupVerdict) -> Plot:
     """Plot how far the log-likelihood of each afferent under each measure is below the best one."""
-    size = (_WIDE_IN, _AROUND_IN + _ROW_IN * (len(verdict.afferents) + 1))
-    return Plot(size, lambda figure: _draw(figure, verdict))
-
-
-def _draw(figure: Figure, verdict: GroupVerdict) -> None:
     rows = verdict.rows[:_MOST_ROWS]
     below = np.array([row.by_afferent for row in rows])
     below = below - np.array([row.by_afferent for row in verdict.rows]).min(axis=0)
-    axes = figure.subplots()
-    image = axes.imshow(np.clip(below.T, _LEAST, _MOST), norm=LogNorm(_LEAST, _MOST), cmap="cividis_r", aspect="auto")
-    names, afferents = [row.name for row in rows], list(verdict.afferents)
-    axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
-    axes.set_yticks(range(len(afferents)), afferents)
-    for n, row in enumerate(rows):
-        if row.in_set:
-            axes.text(n, -0.65, f"{100 * row.probability:.0f} %", ha="center", va="bottom", fontsize=8)
-    axes.spines[:].set_visible(False)
-    scale = figure.colorbar(image, ax=axes, label="log-likelihood\nbelow the best (1)", extend="both")
-    scale.set_ticks([_LEAST, 1.0, 10.0, _MOST], labels=[f"{value:g}" for value in (_LEAST, 1.0, 10.0, _MOST)])
+    image = Series("imshow", np.clip(below.T, _LEAST, _MOST), norm=LogNorm(_LEAST, _MOST), cmap="cividis_r",
+                   aspect="auto", rows=rows_of("group", "below the best"))  # fmt: skip
+    panel = Subplot(
+        "", "", [image], printed="", x_names=[row.name for row in rows], y_names=list(verdict.afferents),
+        color="log-likelihood\nbelow the best (1)",
+    )  # fmt: skip
+
+    def finish(figure: Figure, panels: list[Axes]) -> None:
+        (axes,) = panels
+        axes.set_xticks(range(len(rows)), panel.x_names, rotation=60, ha="right")
+        axes.set_yticks(range(len(panel.y_names)), panel.y_names)
+        for n, row in enumerate(rows):
+            if row.in_set:
+                axes.text(n, -0.65, f"{100 * row.probability:.0f} %", ha="center", va="bottom", fontsize=8)
+        axes.spines[:].set_visible(False)
+        scale = figure.colorbar(axes.images[0], ax=axes, label=panel.color, extend="both")
+        ticks = (_LEAST, 1.0, 10.0, _MOST)
+        scale.set_ticks(list(ticks), labels=[f"{value:g}" for value in ticks])
+
+    return Plot(
+        (_WIDE_IN, _AROUND_IN + _ROW_IN * (len(verdict.afferents) + 1)), [panel],
+        "Log-likelihood of each afferent under each measure in common",
+        "Difference from the highest log-likelihood of the afferent; darker is worse, and differences above "
+        f"{_MOST:g} look alike. Numbers at the top: probabilities in the group.",
+        sentence_of_group(verdict), finish=finish,
+    )  # fmt: skip

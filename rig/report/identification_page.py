@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure as Canvas
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
-from rig.report.page_parts import PageFigure, Section, alone, render
-from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number, signed
+from rig.report.page_parts import Section, alone, render
+from rig.report.plot import PAGE_IN, Plot, Series, Subplot, in_grid, rows_of
+from rig.report.style import BLUE, GREY, ORANGE, as_number, signed
 from rig.report.title_lines import title_lines
 from rig.units import unit_of_key
 from rig_shared.plural import number_of
@@ -53,7 +55,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
     """Write one self-contained page. Raises OSError."""
     over_time, before_and_after, correlated = identification_figures(page)
     sections = [
-        Section("The force band", _message(page), figures=(_band_figure(page),)),
+        Section("The force band", _message(page), figures=(force_band(page.bands, _message(page)),)),
         Section(
             "Known forces",
             f"Forces that were asked for. {_IN_BRACKETS}",
@@ -86,13 +88,9 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
     replace_text(path, render("identification.html.j2", title=title, about=page.source, sections=sections))
 
 
-def identification_figures(page: IdentificationPage) -> list[PageFigure]:
+def identification_figures(page: IdentificationPage) -> list[Plot]:
     """Return the figures of the page, in its order."""
-    return [
-        PageFigure("Each press over time", presses_over_time(page), _OVER_TIME),
-        PageFigure("Before and after", marginals(page), _BEFORE_AND_AFTER),
-        PageFigure("Correlations", correlations(page), _CORRELATED),
-    ]
+    return [presses_over_time(page), marginals(page), correlations(page)]
 
 
 def _message(page: IdentificationPage) -> str:
@@ -117,35 +115,40 @@ def _message(page: IdentificationPage) -> str:
     )
 
 
-def _band_figure(page: IdentificationPage) -> PageFigure:
-    return PageFigure(
-        "The force band",
-        force_band(page.bands),
-        f"Blue: the {100 * COVERAGE:.0f} % band of the force that the identified finger predicts, and its middle. "
-        "Black: the highest force that was measured. Rows without a black dot were asked for and not pressed.",
-        message=_message(page),
-    )
-
-
-def force_band(bands: Sequence[ForceBand]) -> Plot:
+def force_band(bands: Sequence[ForceBand], message: str = "") -> Plot:
     """Plot the predicted band of each force, with the measured force on it."""
-
-    def draw(figure: Canvas) -> None:
-        axes = figure.subplots()
-        for row, one in enumerate(bands):
-            axes.plot(
-                [one.width.low, one.width.high], [row, row], color=BLUE, lw=7, alpha=0.45, solid_capstyle="butt"
+    series = []
+    for row, one in enumerate(bands):
+        ends, rows = [one.width.low, one.width.high], rows_of("bands", "force_gwt", "rows", band=row)
+        series.append(
+            Series("plot", ends, [row, row], rows=rows, color=BLUE, lw=7, alpha=0.45, solid_capstyle="butt")
+        )
+        rows = rows_of("bands", "middle_gwt", "row", band=row)
+        series.append(
+            Series("plot", [one.width.middle], [row], rows=rows, ls="", marker="|", color=BLUE, ms=11, mew=1.6)
+        )
+        if one.measured_gwt is not None:
+            rows = rows_of("bands", "measured_gwt", "row", band=row)
+            series.append(
+                Series("plot", [one.measured_gwt], [row], rows=rows, ls="", marker="o", color="black", ms=4.5)
             )
-            axes.plot([one.width.middle], [row], "|", color=BLUE, ms=11, mew=1.6)
-            if one.measured_gwt is not None:
-                axes.plot([one.measured_gwt], [row], "o", color="black", ms=4.5)
+
+    def finish(figure: Figure, panels: list[Axes]) -> None:
+        (axes,) = panels
+        for row, one in enumerate(bands):
             axes.annotate(one.press, (0.0, row), (3, 8), textcoords="offset points", fontsize=8)
         axes.set_yticks(())
         axes.set_ylim(len(bands) - 0.5, -0.8)
         axes.set_xlim(0, None)
-        axes.set_xlabel("force (gwt)")
 
-    return Plot((5.6, 0.8 + 0.4 * len(bands)), draw)
+    return Plot(
+        (5.6, 0.8 + 0.4 * len(bands)),
+        [Subplot("force (gwt)", "", series, printed="x", y_names=[one.press for one in bands])],
+        "The force band",
+        f"Blue: the {100 * COVERAGE:.0f} % band of the force that the identified finger predicts, and its middle. "
+        "Black: the highest force that was measured. Rows without a black dot were asked for and not pressed.",
+        message, finish=finish,
+    )  # fmt: skip
 
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")
@@ -154,80 +157,84 @@ _AFTER_AND_BEFORE = (
     "The estimates are those of the most likely finger whose parameters all lie within their bands. "
     f"{100 * COVERAGE:.0f} % bands, after the last press and before the first."
 )
-_OVER_TIME = (
-    "Black: readings minus the mean reading in the air. Blue: 60 samples of the finger after the last press. "
-    "The hold begins where a line turns, and the tissue relaxes."
-)
-_BEFORE_AND_AFTER = (
-    "Probability density of each parameter along its axis, which may be logarithmic. Gray: before the first "
-    "press. Blue: after the last press. Orange: the estimate."
-)
-_CORRELATED = (
-    "Correlation over samples of the finger. Parameters with a correlation near 1 or −1 cannot be "
-    "distinguished by these presses; forces may be well known although neither parameter is."
-)
 
 
 def presses_over_time(page: IdentificationPage) -> Plot:
     """Plot readings and predictions of each press against time."""
-    down = -(-len(page.measured) // _ACROSS)
-
-    def draw(figure: Canvas) -> None:
-        grid = figure.subplots(down, _ACROSS, squeeze=False)
-        for number, (axes, measured) in enumerate(zip(grid.flat, page.measured, strict=False), 1):
-            t_s = measured.trajectory.read_s - measured.trajectory.t_s[0]
-            axes.plot(
-                t_s, page.predicted.forces_gwt(page.learned.draws[:_SHOWN], measured.trajectory).T, color=BLUE, lw=0.3
-            )
-            axes.plot(t_s, measured.force_gwt, ".", color="black", ms=4)
-            about = f"{number}: {measured.trajectory.indentor} at {signed(measured.trajectory.x_mm)} mm"
-            axes.set_title(title_lines(about, 2.3, 9), fontsize=9)
-            axes.set_xlabel("time since the start of the press (s)")
-        for axes in list(grid.flat)[len(page.measured) :]:
-            axes.set_axis_off()
-        for axes in grid[:, 0]:
-            axes.set_ylabel("force (gwt)")
-
-    return Plot((10.2, 2.6 * down), draw)
+    panels = []
+    for k, measured in enumerate(page.measured):
+        path = measured.trajectory
+        t_s, forces = path.read_s - path.t_s[0], page.predicted.forces_gwt(page.learned.draws[:_SHOWN], path)
+        series = [
+            *(
+                Series("plot", t_s, force, color=BLUE, lw=0.3,
+                       rows=rows_of("presses", "t_s", "predicted_gwt", press=k, draw=n))
+                for n, force in enumerate(forces)
+            ),
+            Series("plot", t_s, measured.force_gwt, ls="", marker=".", color="black", ms=4,
+                   rows=rows_of("presses", "t_s", "force_gwt", press=k)),
+        ]  # fmt: skip
+        title = title_lines(f"{k + 1}: {path.indentor} at {signed(path.x_mm)} mm", 2.3, 9)
+        time = "time since the start of the press (s)"
+        panels.append(Subplot(time, "force (gwt)", series, title, printed="x" if k % _ACROSS else "xy"))
+    return Plot(
+        (10.2, 2.6 * -(-len(panels) // _ACROSS)), panels,
+        "Each press over time",
+        "Black: readings minus the mean reading in the air. Blue: 60 samples of the finger after the last press. "
+        "The hold begins where a line turns, and the tissue relaxes.",
+        arrange=in_grid(len(panels), _ACROSS), titles={"fontsize": 9},
+    )  # fmt: skip
 
 
 def marginals(page: IdentificationPage) -> Plot:
     """Plot the density of each parameter before and after the presses."""
-    names = page.learned.prior.names
-    down = -(-len(names) // _ACROSS)
+    names, draws = page.learned.prior.names, (page.before.draws, page.learned.draws)
+    panels = []
+    for k, name in enumerate(names):
+        likely = page.learned.most_likely[k]
+        both = np.concatenate([*(one[:, k] for one in draws), [likely]])
+        edges = np.linspace(both.min(), both.max(), 41)
+        series = [
+            Series("hist", one[:, k], edges, density=True, color=color, alpha=alpha, rows=rows_of(when, name))
+            for one, when, color, alpha in zip(draws, ("before", "after"), (GREY, BLUE), (0.5, 0.7), strict=True)
+        ]
+        x = f"{named(name)} ({unit_of_key(named(name)) or '1'})"
+        estimate = Series("axvline", likely, rows=rows_of("after", f"estimate of {name}"), color=ORANGE, lw=1)
+        panels.append(Subplot(x, "density (1)", [*series, estimate], printed="x" if k % _ACROSS else "xy"))
 
-    def draw(figure: Canvas) -> None:
-        grid = figure.subplots(down, _ACROSS, squeeze=False)
-        for axes in list(grid.flat)[len(names) :]:
-            axes.set_axis_off()
-        for k, (axes, name) in enumerate(zip(grid.flat, names, strict=False)):
-            both = np.concatenate([page.before.draws[:, k], page.learned.draws[:, k], page.learned.most_likely[[k]]])
-            edges = np.linspace(both.min(), both.max(), 41)
-            axes.hist(page.before.draws[:, k], edges, density=True, color=GREY, alpha=0.5)
-            axes.hist(page.learned.draws[:, k], edges, density=True, color=BLUE, alpha=0.7)
-            axes.axvline(page.learned.most_likely[k], color=ORANGE, lw=1)
-            axes.set_xlabel(f"{named(name)} ({unit_of_key(named(name)) or '1'})")
-            axes.xaxis.set_major_locator(MaxNLocator(4))
-            axes.xaxis.set_major_formatter(
-                FuncFormatter(lambda value, _, name=name: as_number(plain(name, value), 2))
-            )
-            axes.set_yticks([])
-        for axes in grid[:, 0]:
-            axes.set_ylabel("density (1)")
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one, name in zip(axes, names, strict=True):
+            one.xaxis.set_major_locator(MaxNLocator(4))
+            one.xaxis.set_major_formatter(FuncFormatter(lambda value, _, name=name: as_number(plain(name, value), 2)))
+            one.set_yticks([])
 
-    return Plot((10.2, 2.2 * down), draw)
+    return Plot(
+        (10.2, min(2.2 * -(-len(panels) // _ACROSS), PAGE_IN[1])), panels,
+        "Before and after",
+        "Probability density of each parameter along its axis, which may be logarithmic. Gray: before the first "
+        "press. Blue: after the last press. Orange: the estimate.",
+        arrange=in_grid(len(panels), _ACROSS), finish=finish,
+    )  # fmt: skip
 
 
 def correlations(page: IdentificationPage) -> Plot:
     """Plot the correlation of every two parameters after the presses."""
-    spread = page.learned.draws.std(axis=0) > 0
-    names = [named(name) for name, varies in zip(page.learned.prior.names, spread, strict=True) if varies]
+    varied = page.learned.draws.std(axis=0) > 0
+    names = [named(name) for name, varies in zip(page.learned.prior.names, varied, strict=True) if varies]
+    image = Series("imshow", np.corrcoef(page.learned.draws[:, varied].T), vmin=-1, vmax=1, cmap="RdBu_r",
+                   rows=rows_of("after", "r"))  # fmt: skip
+    panel = Subplot("", "", [image], printed="", x_names=names, y_names=names, color="correlation (1)")
 
-    def draw(figure: Canvas) -> None:
-        axes = figure.subplots()
-        shown = axes.imshow(np.corrcoef(page.learned.draws[:, spread].T), vmin=-1, vmax=1, cmap="RdBu_r")
+    def finish(figure: Figure, panels: list[Axes]) -> None:
+        (axes,) = panels
         axes.set_xticks(range(len(names)), names, rotation=45, ha="right")
         axes.set_yticks(range(len(names)), names)
-        figure.colorbar(shown, ax=axes, label="correlation (1)")
+        figure.colorbar(axes.images[0], ax=axes, label=panel.color)
 
-    return Plot((5.6, 4.8), draw)
+    return Plot(
+        (5.6, 4.8), [panel],
+        "Correlations",
+        "Correlation over samples of the finger. Parameters with a correlation near 1 or −1 cannot be "
+        "distinguished by these presses; forces may be well known although neither parameter is.",
+        finish=finish,
+    )  # fmt: skip

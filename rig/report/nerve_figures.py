@@ -7,20 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from rig.data import Run
-from rig.data.spike_files import SpikeRecord, SpikeTrain
-from rig.report.page_parts import PageFigure, figures_of
+from rig.data.spike_files import SPIKES, SpikeRecord, SpikeTrain
+from rig.report.page_parts import figures_of
+from rig.report.plot import Plot, Room, Series, Subplot, entry, guide, handles, in_grid, rows_of
 from rig.report.run_figures import broken
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, signed
 from rig.report.title_lines import title_lines
 from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
 
 Array = NDArray[np.float64]
 
+_SPIKES = f"{SPIKES}.csv"
 _COLORS = {"SA1": BLUE, "RA": ORANGE, "PC": GREEN}
 _OTHER_COLORS = (PURPLE, YELLOW, GREY)
 _BIN_S = 0.05
@@ -82,52 +83,22 @@ def silent_sentence(run: Run, record: SpikeRecord) -> str:
     return f"{len(silent)} of {number} never fired and have no rows: {said}."
 
 
-def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
+def nerve_figures(run: Run, record: SpikeRecord) -> list[Plot]:
     """Return the figures of simulated spikes; none without a finished indentation, or where nothing fired."""
     presses = pressed(run)
-    silence = silent_sentence(run, record)
     if not presses or not _fired(record):
         return []
-    busiest = max(presses, key=lambda one: sum(_count(train, one.touch_s, one.end_s) for train in record.trains))
     about = (
         f"Synthetic: spikes of simulated afferents, seed {record.seed}, at an electrode {record.electrode}. "
-        f"Data: synthetic_spikes.csv, synthetic_afferents.csv."
+        "Afferents: synthetic_afferents.csv."
     )
-    figures = [
-        PageFigure(
-            "Simulated spikes",
-            Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
-            f"Each row is an afferent, each mark a spike. Above: force. {silence} {about}".replace("  ", " "),
-            message=f"{len(_fired(record))} of {number_of(len(record.trains), 'simulated afferents')} fired.",
-        ),
-        PageFigure(
-            "Simulated spikes over the press",
-            Plot(
-                (9.6, max(_raster_in(record) + 1.9, 3.6)),
-                lambda figure: _over_press(figure, run, record, busiest, presses),
-                layout=None,
-            ),
-            f"Left: the press with the most spikes, {busiest.group} at x = {signed(busiest.x_mm)} mm. Right: rate of "
-            f"each class from touch to lift, in bins of {1e3 * _BIN_S:g} ms, mean over all its afferents and "
-            f"{len(presses)} presses, each from the start of its last hold. {about}",
-        ),
-    ]
+    figures = [_run_raster(run, record, about), _over_press(run, record, presses, about)]
     if len({round(one.x_mm, 3) for one in presses}) > 1:
         panels = rate_panels(record, presses)
-        firing = [one for one in panels if one.fired]
         quiet = "; ".join(one.title.replace("\n", ", ") for one in panels if not one.fired)
-        figures += figures_of(
-            "Simulated rate against position",
-            firing,
-            _PANELS_A_PAGE,
-            lambda part: Plot(
-                (9.6, 0.6 + 2.1 * -(-len(part) // _PANELS_ACROSS)), lambda figure: _rates(figure, part)
-            ),
-            "Mean rate of each afferent that fired, from touch to the last hold (press), and in the last hold "
-            "(hold), against the position of the indentor; mean of repeats. Black: mean of the class, silent "
-            "afferents included. "
-            f"{f'No spike, and no panel: {quiet}. ' if quiet else ''}{about}",
-        )
+        silent = f"No spike, and no panel: {quiet}. " if quiet else ""
+        firing = [one for one in panels if one.fired]
+        figures += figures_of(firing, _PANELS_A_PAGE, lambda part: _rates(part, f"{silent}{about}"))
     return figures
 
 
@@ -169,20 +140,39 @@ def _rate(train: SpikeTrain, window: Sequence[tuple[float, float]]) -> list[floa
     return [_count(train, begin, end) / max(end - begin, 1e-9) for begin, end in window]
 
 
-def _rates(figure: Figure, shown: Sequence[RatePanel]) -> None:
-    columns = min(len(shown), _PANELS_ACROSS)
-    grid = figure.subplots(-(-len(shown) // columns), columns, squeeze=False)
-    for axes in list(grid.flat)[len(shown) :]:
-        axes.set_axis_off()
-    for axes, one in zip(grid.flat, shown, strict=False):
-        axes.plot(one.x_mm, one.rates[one.rates.any(axis=1)].T, color=one.color, lw=0.9, alpha=0.8)
-        axes.plot(one.x_mm, one.rates.mean(axis=0), "-o", ms=2, color="black", lw=1.2)
-        axes.set_ylim(0, None)
-        axes.set_title(title_lines(one.title, 2.6, 8), fontsize=8)
-        axes.tick_params(labelsize=8)
-        axes.set_xlabel("indentor x (mm)", fontsize=8)
-    for axes in grid[:, 0]:
-        axes.set_ylabel("rate (impulses/s)", fontsize=8)
+def _rates(found: Sequence[RatePanel], about: str) -> Plot:
+    columns = min(len(found), _PANELS_ACROSS)
+    panels = [
+        Subplot(
+            "indentor x (mm)",
+            "rate (impulses/s)",
+            [
+                *(
+                    Series("plot", one.x_mm, rates, color=one.color, lw=0.9, alpha=0.8,
+                           rows=rows_of(_SPIKES, "x_mm", "rate", of=one.title, row=number))
+                    for number, rates in enumerate(one.rates) if rates.any()
+                ),
+                Series("plot", one.x_mm, one.rates.mean(axis=0), ls="-", marker="o", ms=2, color="black", lw=1.2,
+                       rows=rows_of(_SPIKES, "x_mm", "mean rate", of=one.title)),
+            ],
+            title_lines(one.title, 2.6, 8), printed="x" if k % columns else "xy",
+        )
+        for k, one in enumerate(found)
+    ]  # fmt: skip
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        for one in axes:
+            one.set_ylim(0, None)
+
+    return Plot(
+        (9.6, 0.6 + 2.1 * -(-len(found) // _PANELS_ACROSS)), panels,
+        "Simulated rate against position",
+        "Mean rate of each afferent that fired, from touch to the last hold (press), and in the last hold "
+        "(hold), against the position of the indentor; mean of repeats. Black: mean of the class, silent "
+        f"afferents included. {about}",
+        arrange=in_grid(len(panels), columns), finish=finish, titles={"fontsize": 8}, labels={"fontsize": 8},
+        ticks={"labelsize": 8},
+    )  # fmt: skip
 
 
 def _color(record: SpikeRecord, model: str) -> str:
@@ -207,65 +197,109 @@ def _count(train: SpikeTrain, begin_s: float, end_s: float) -> int:
     return int(np.diff(np.searchsorted(train.spike_s, (begin_s, end_s)))[0])
 
 
-def _run_raster(figure: Figure, run: Run, record: SpikeRecord) -> None:
-    high = _raster_in(record)
-    above, below = (
-        Room(left=0.9, bottom=0.5, top=0.1, rows=0.08)
-        .panels(figure, 2, 1, sharex=True, height_ratios=(1.0, high))
-        .ravel()
-    )
-    begin_s, end_s = max(pressed(run)[0].touch_s - _ROOM_S, run.start["t_s"]), run.end_s
-    _force(above, run, begin_s, end_s)
-    _raster(below, record, begin_s, end_s)
-    above.set(xlim=(begin_s, end_s), ylabel="force (gwt)")
-    below.set(xlabel="time since the start of the run (s)")
+_TIME = "time since the start of the run (s)"
 
 
-def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, presses: Sequence[Pressed]) -> None:
-    width, height = figure.get_size_inches()
-    begin_s, end_s = one.touch_s - _BEFORE_S, one.end_s + _BEFORE_S
-    left, wide = 0.9 / width, 4.5 / width
-    above = figure.add_axes((left, (height - 0.95) / height, wide, 0.85 / height))
-    below = figure.add_axes((left, 0.5 / height, wide, (height - 1.55) / height), sharex=above)
-    _force(above, run, begin_s, end_s)
-    _raster(below, record, begin_s, end_s)
-    above.set(xlim=(begin_s, end_s), ylabel="force (gwt)")
-    above.tick_params(labelbottom=False)
-    below.set(xlabel="time since the start of the run (s)")
-    right = figure.add_axes(((0.9 + 4.5 + 0.85) / width, 0.5 / height, 3.1 / width, (height - 0.6) / height))
+def _run_raster(run: Run, record: SpikeRecord, about: str) -> Plot:
+    ends_s = max(pressed(run)[0].touch_s - _ROOM_S, run.start["t_s"]), run.end_s
+    room, high = Room(left=0.9, bottom=0.5, top=0.1, rows=0.08), _raster_in(record)
+    silence = silent_sentence(run, record)
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        axes[0].set(xlim=ends_s)
+        _name_rows(axes, record)
+
+    return Plot(
+        (9.6, high + 1.9), [_force(run, ends_s), _raster(record, ends_s)],
+        "Simulated spikes",
+        f"Each row is an afferent, each mark a spike. Above: force. {silence}{' ' * bool(silence)}{about}",
+        f"{len(_fired(record))} of {number_of(len(record.trains), 'simulated afferents')} fired.",
+        arrange=in_grid(2, room=room, sharex=True, height_ratios=(1.0, high)), finish=finish, legend=_classes(record),
+        layout=None,
+    )  # fmt: skip
+
+
+def _over_press(run: Run, record: SpikeRecord, presses: Sequence[Pressed], about: str) -> Plot:
+    """Plot the press with the most spikes, beside the rate of each class over all presses."""
+    busiest = max(presses, key=lambda one: sum(_count(train, one.touch_s, one.end_s) for train in record.trains))
+    ends_s = busiest.touch_s - _BEFORE_S, busiest.end_s + _BEFORE_S
+    width, height = 9.6, max(_raster_in(record) + 1.9, 3.6)
+
+    def arrange(figure: Figure) -> list[Axes]:
+        left, wide = 0.9 / width, 4.5 / width
+        above = figure.add_axes((left, (height - 0.95) / height, wide, 0.85 / height))
+        below = figure.add_axes((left, 0.5 / height, wide, (height - 1.55) / height), sharex=above)
+        beside = ((0.9 + 4.5 + 0.85) / width, 0.5 / height, 3.1 / width, (height - 0.6) / height)
+        return [above, below, figure.add_axes(beside)]
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        above, _, right = axes
+        above.set(xlim=ends_s)
+        above.tick_params(labelbottom=False)
+        _name_rows(axes, record)
+        right.set_ylim(bottom=0)
+        right.legend(fontsize=8, loc="upper right")
+
+    return Plot(
+        (width, height),
+        [
+            _force(run, ends_s), _raster(record, ends_s),
+            Subplot("time since the start of the last hold (s)", "rate (impulses/s)", _class_rates(record, presses)),
+        ],
+        "Simulated spikes over the press",
+        f"Left: the press with the most spikes, {busiest.group} at x = {signed(busiest.x_mm)} mm. Right: rate of "
+        f"each class from touch to lift, in bins of {1e3 * _BIN_S:g} ms, mean over all its afferents and "
+        f"{len(presses)} presses, each from the start of its last hold. {about}",
+        arrange=arrange, finish=finish, legend=_classes(record), layout=None,
+    )  # fmt: skip
+
+
+def _class_rates(record: SpikeRecord, presses: Sequence[Pressed]) -> list[Series]:
     before = max(press.hold_s - press.touch_s for press in presses) + _BEFORE_S
     after = max(press.end_s - press.hold_s for press in presses) + _BEFORE_S
     bins = max(round((before + after) / _BIN_S), 1)
     edges = np.linspace(-before, bins * _BIN_S - before, bins + 1)
+    found = []
     for model in dict.fromkeys(one.model for one in _fired(record)):
         trains = [train.spike_s for train in record.trains if train.model == model]
         counts = sum(np.histogram(spikes - press.hold_s, edges)[0] for spikes in trains for press in presses)
         rate = counts / (len(trains) * len(presses) * _BIN_S)
-        right.stairs(rate, edges, color=_color(record, model), label=model, lw=1)
-    right.axvline(0.0, color=GREY, lw=0.6)
-    right.set(xlabel="time since the start of the last hold (s)", ylabel="rate (impulses/s)")
-    right.set_ylim(bottom=0)
-    right.legend(fontsize=8, loc="upper right")
+        found.append(Series("stairs", rate, edges, color=_color(record, model), label=model, lw=1,
+                            rows=rows_of(_SPIKES, "class rate", "since hold_s", model=model)))  # fmt: skip
+    return [*found, guide("axvline", 0.0, color=GREY, lw=0.6)]
 
 
-def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
-    read = [s for s in run.stream("sample") if begin_s <= s["t_s"] <= end_s]
-    axes.plot(*broken(read, run), color="black", lw=0.8)
-    axes.tick_params(labelsize=8)
+def _force(run: Run, ends_s: tuple[float, float]) -> Subplot:
+    read = [s for s in run.stream("sample") if ends_s[0] <= s["t_s"] <= ends_s[1]]
+    rows = rows_of("sample.csv", "t_s", "force_gwt", ends_s=ends_s)
+    return Subplot(
+        _TIME, "force (gwt)", [Series("plot", *broken(read, run), color="black", lw=0.8, rows=rows)], printed="y"
+    )
 
 
-def _raster(axes: Axes, record: SpikeRecord, begin_s: float, end_s: float) -> None:
-    rows = _fired(record)
-    shown = [one.spike_s[(one.spike_s >= begin_s) & (one.spike_s <= end_s)] for one in rows]
-    colors = [_color(record, one.model) for one in rows]
-    axes.eventplot(shown, colors=colors, linewidths=0.8, linelengths=0.8)
-    axes.set(ylim=(len(shown) - 0.5, -0.5))
-    if len(shown) <= _MOST_LABELS:
-        axes.set_yticks(range(len(shown)), [one.afferent for one in rows], fontsize=7)
+def _raster(record: SpikeRecord, ends_s: tuple[float, float]) -> Subplot:
+    trains = _fired(record)
+    shown = [one.spike_s[(one.spike_s >= ends_s[0]) & (one.spike_s <= ends_s[1])] for one in trains]
+    colors = [_color(record, one.model) for one in trains]
+    rows = rows_of(_SPIKES, "t_s", ends_s=ends_s)
+    marks = Series("eventplot", shown, colors=colors, linewidths=0.8, linelengths=0.8, rows=rows)
+    names = [one.afferent for one in trains] if len(trains) <= _MOST_LABELS else []
+    return Subplot(_TIME, "", [marks], printed="x", y_names=names)
+
+
+def _classes(record: SpikeRecord) -> list[Series]:
+    """Return the legend of a raster with too many rows for their names."""
+    models = dict.fromkeys(one.model for one in _fired(record)) if len(_fired(record)) > _MOST_LABELS else ()
+    return [entry(name, color=_color(record, name)) for name in models]
+
+
+def _name_rows(axes: list[Axes], record: SpikeRecord) -> None:
+    above, below = axes[:2]
+    trains, legend = _fired(record), _classes(record)
+    above.tick_params(labelsize=8)
+    below.set(ylim=(len(trains) - 0.5, -0.5))
+    if legend:
+        below.set_yticks(())
+        below.legend(handles=handles(legend), fontsize=8, loc="upper right")
     else:
-        axes.set_yticks(())
-        handles = [
-            Line2D([], [], color=_color(record, name), label=name)
-            for name in dict.fromkeys(one.model for one in rows)
-        ]
-        axes.legend(handles=handles, fontsize=8, loc="upper right")
+        below.set_yticks(range(len(trains)), [one.afferent for one in trains], fontsize=7)

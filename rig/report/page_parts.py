@@ -3,7 +3,7 @@
 import base64
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Any, TypeVar
@@ -13,77 +13,9 @@ from markupsafe import Markup, escape
 
 from rig.printable import printable
 from rig.report.glossary import GLOSSARY
-from rig.report.style import Plot, on_dark
+from rig.report.plot import Plot
 
 Item = TypeVar("Item")
-
-
-@dataclass(frozen=True)
-class PageFigure:
-    """Figure with its heading and caption."""
-
-    title: str
-    plot: Plot
-    caption: str
-    message: str = ""
-    """What the figure shows, in a sentence."""
-    charts: tuple["ZoomChart", ...] = ()
-    """The same lines to zoom into on a screen; paper shows the plot."""
-
-    @property
-    def alt(self) -> str:
-        """Text for readers who do not see the figure: its message, axes and ranges."""
-        return f"{self.message} {self.plot.axes_in_words}".strip()
-
-
-@dataclass(frozen=True)
-class ZoomLine:
-    """Line of a chart; None in `y` is a gap."""
-
-    name: str
-    color: str
-    y: Sequence[float | None]
-
-    @property
-    def colors(self) -> tuple[str, str]:
-        """Color on light and on dark pages."""
-        return self.color, on_dark(self.color)
-
-
-@dataclass(frozen=True)
-class ZoomBand:
-    """Intervals in x, shown as a strip below the lines of a chart."""
-
-    name: str
-    color: str
-    spans: Sequence[tuple[float, float]]
-
-    @property
-    def colors(self) -> tuple[str, str]:
-        """Color on light and on dark pages."""
-        return self.color, on_dark(self.color)
-
-
-@dataclass(frozen=True)
-class ZoomChart:
-    """Lines over shared ascending x, with the labels of both axes."""
-
-    x_label: str
-    y_label: str
-    x: Sequence[float]
-    lines: tuple[ZoomLine, ...]
-    bands: tuple[ZoomBand, ...] = ()
-
-    @property
-    def as_data(self) -> dict[str, Any]:
-        """Content for the page's script."""
-        parts = {
-            key: [{"name": one.name, "colors": one.colors} for one in found]
-            for key, found in (("lines", self.lines), ("bands", self.bands))
-        }
-        spans = [band.spans for band in self.bands]
-        labels = {"x_label": self.x_label, "y_label": self.y_label}
-        return {**labels, **parts, "spans": spans, "data": [self.x, *(line.y for line in self.lines)]}
 
 
 @dataclass(frozen=True)
@@ -94,27 +26,26 @@ class Section:
     text: str
     header: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
-    figures: tuple[PageFigure, ...] = ()
+    figures: tuple[Plot, ...] = ()
     points: tuple[str, ...] = ()
 
 
-def alone(figure: PageFigure) -> Section:
+def alone(figure: Plot) -> Section:
     """Return a section that contains one figure, under its title."""
     return Section(figure.title, "", figures=(figure,))
 
 
-def figures_of(
-    title: str, items: Sequence[Item], most: int, draw: Callable[[Sequence[Item]], Plot], caption: str
-) -> list[PageFigure]:
-    """Return one figure with a panel per item, or several if a page is too small."""
-    parts = [items[k : k + most] for k in range(0, len(items), most)]
-    numbers = [f", {k + 1} of {len(parts)}" if len(parts) > 1 else "" for k in range(len(parts))]
-    return [PageFigure(title + number, draw(part), caption) for number, part in zip(numbers, parts, strict=True)]
+def figures_of(items: Sequence[Item], most: int, make: Callable[[Sequence[Item]], Plot]) -> list[Plot]:
+    """Return one figure with a panel per item, or several with numbers in their titles if a page is too small."""
+    made = [make(items[k : k + most]) for k in range(0, len(items), most)]
+    if len(made) < 2:
+        return made
+    return [replace(one, title=f"{one.title}, {k} of {len(made)}") for k, one in enumerate(made, 1)]
 
 
-def as_svg(figure: PageFigure) -> str:
+def as_svg(figure: Plot) -> str:
     """Return a figure for the src of an img on a page."""
-    return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.page_svg.encode()).decode()
+    return "data:image/svg+xml;base64," + base64.b64encode(figure.page_svg.encode()).decode()
 
 
 def render(template: str, **about: Any) -> str:
@@ -172,10 +103,10 @@ def _power(number: re.Match[str]) -> str:
     return f"{number[1]} × 10{(sign + number[3]).translate(_HIGH)}"
 
 
-def _caption(figure: PageFigure) -> Markup:
+def _caption(figure: Plot) -> Markup:
     """Return a caption; black and white change places on dark pages, except over maps of colors."""
-    text = prose(figure.caption)
-    return text if figure.plot.has_map else Markup(_SWAPPED.sub(_swapped, text))
+    text = prose(figure.whole_caption)
+    return text if figure.has_map else Markup(_SWAPPED.sub(_swapped, text))
 
 
 def _swapped(word: re.Match[str]) -> str:

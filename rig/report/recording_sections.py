@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
@@ -22,8 +21,9 @@ from rig.compare.recordings.deflection import PROXIMAL_MM, downward_mm
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
-from rig.report.page_parts import PageFigure, Section
-from rig.report.style import GREY, Plot, as_number, label, shade, signed, unit
+from rig.report.page_parts import Section
+from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
+from rig.report.style import GREY, as_number, in_unit, label, shade, signed
 from rig.report.verdict_figures import stimulus_styles
 from rig_shared.plural import number_of
 from sim.contact.indentor import ACROSS
@@ -35,66 +35,83 @@ _RATE = "discharge rate (unit of the recording)"
 _WIDEST_IN = 9.8
 
 
-def overlays(joint: Joint, pairs: list[Pair]) -> Plot:
+def overlays(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "") -> Plot:
     """Plot rates predicted by the joint line over recorded ones: pairs down, shapes across."""
     rows, columns = (len(pairs), len(joint.overlays)) if len(joint.overlays) > 1 else (1, len(pairs))
-    size = (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows)
-    return Plot(size, lambda figure: _overlays(figure, joint, pairs, rows, columns))
+    panels = [
+        Subplot("position from field center (mm)", _RATE, _overlay(overlay, joint.fit, pair),
+              f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}",
+              printed="x" if k >= (rows - 1) * columns else "")
+        for k, (pair, overlay) in enumerate((pair, overlay) for pair in pairs for overlay in joint.overlays)
+    ]  # fmt: skip
+
+    def finish(canvas: Figure, axes: list[Axes]) -> None:
+        canvas.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
+        canvas.supylabel(_RATE, fontsize=9)
+
+    return Plot(
+        (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows), panels,
+        f"Fig. {figure} of the source: predicted over recorded",
+        f"Dots: recorded rates, ± 1 sd. Lines: rates predicted by this line. Data: {files}.",
+        arrange=in_grid(len(panels), columns, sharex=rows == 1 or "col", sharey=True), finish=finish,
+        titles={"fontsize": 8},
+    )  # fmt: skip
 
 
-def scatter(joint: Joint, pairs: list[Pair]) -> Plot:
-    """Plot recorded rate against the measure for all shapes, with the joint line."""
-    return Plot((0.4 + 2.7 * len(pairs), 3.1), lambda figure: _scatter(figure, joint, pairs))
-
-
-def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, columns: int) -> None:
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=rows == 1 or "col", sharey=True)
-    figure.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
-    shown = [(overlay, pair) for pair in pairs for overlay in joint.overlays]
-    for axes, (overlay, pair) in zip(panels.ravel(), shown, strict=True):
-        _overlay(axes, overlay, joint.fit, pair)
-        axes.set_title(f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}", fontsize=8)
-    figure.supylabel(_RATE, fontsize=9)
-    for axes in panels[-1]:
-        axes.set_xlabel("position from field center (mm)")
-
-
-def _overlay(axes: Axes, overlay: Overlay, fit: Fit, pair: Pair) -> None:
+def _overlay(overlay: Overlay, fit: Fit, pair: Pair) -> list[Series]:
     recording = overlay.recording
     fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 241)
-    line = Fit(*(np.asarray(v[pair]) for v in fit))
-    axes.plot(
-        fine,
-        predicted(line, overlay.stimulus.at(fine)[pair[0], :, pair[1]]),
-        color=color_of(MEASURES[pair[0]]),
-        lw=1.4,
-    )
-    axes.errorbar(recording.position_mm, recording.rate, recording.sd, fmt="o", ms=3, color="black", elinewidth=0.7)
+    line = predicted(Fit(*(np.asarray(v[pair]) for v in fit)), overlay.stimulus.at(fine)[pair[0], :, pair[1]])
+    where = {"stimulus": overlay.stimulus.title, "pair": pair}
+    return [
+        Series("plot", fine, line, color=color_of(MEASURES[pair[0]]), lw=1.4,
+               rows=rows_of("joint line", "position_mm", "predicted", **where)),
+        Series("errorbar", recording.position_mm, recording.rate, recording.sd, fmt="o", ms=3, color="black",
+               elinewidth=0.7, rows=rows_of("recording", "position_mm", "rate", "sd", **where)),
+    ]  # fmt: skip
 
 
-def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
-    panels = figure.subplots(1, len(pairs), squeeze=False, sharey=True)[0]
-    figure.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
-    for axes, pair in zip(panels, pairs, strict=True):
-        _against_measure(axes, joint, pair)
-    figure.supylabel(_RATE, fontsize=9)
-    handles, names = panels[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=len(names), fontsize=8)
+def scatter(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "") -> Plot:
+    """Plot recorded rate against the measure for all shapes, with the joint line."""
+
+    def finish(canvas: Figure, axes: list[Axes]) -> None:
+        canvas.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
+        canvas.supylabel(_RATE, fontsize=9)
+        lines, names = axes[0].get_legend_handles_labels()
+        canvas.legend(lines, names, loc="outside lower center", ncols=len(names), fontsize=8)
+
+    return Plot(
+        (0.4 + 2.7 * len(pairs), 3.1), [_against_measure(joint, pair) for pair in pairs],
+        f"Fig. {figure} of the source: rate against measure",
+        f"Each point is a recorded position; the line is that over all shapes. Data: {files}.",
+        arrange=in_grid(len(pairs), len(pairs), sharey=True), finish=finish, titles={"fontsize": 8},
+    )  # fmt: skip
 
 
-def _against_measure(axes: Axes, joint: Joint, pair: Pair) -> None:
-    measure, receptor = pair
+def _against_measure(joint: Joint, pair: Pair) -> Subplot:
+    (measure, receptor), series = pair, []
     styles = stimulus_styles(len(joint.overlays))
     for overlay, (colour, marker) in zip(joint.overlays, styles, strict=True):
-        eps, name = overlay.eps[measure, :, receptor], overlay.stimulus.indentor
-        axes.plot(eps, overlay.recording.rate, marker, ms=4, mfc="none", mec=colour, label=name)
+        style = {
+            "ls": "",
+            "marker": marker,
+            "ms": 4,
+            "mfc": "none",
+            "mec": colour,
+            "label": overlay.stimulus.indentor,
+        }
+        rows = rows_of("recording", "eps", "rate", stimulus=overlay.stimulus.title, pair=pair)
+        series.append(Series("plot", overlay.eps[measure, :, receptor], overlay.recording.rate, rows=rows, **style))
     k, eps0 = joint.fit.k[pair], joint.fit.eps0[pair]
     low, high = (float(f(joint.eps[measure, :, receptor])) for f in (np.nanmin, np.nanmax))
     fine = np.linspace(low - 0.05 * (high - low), high + 0.05 * (high - low), 101)
-    axes.plot(fine, np.maximum(0, k * (fine - eps0)), color=color_of(MEASURES[measure]), lw=1.4)
+    rows = rows_of("joint line", "eps", "rate", pair=pair)
+    line = Series(
+        "plot", fine, np.maximum(0, k * (fine - eps0)), color=color_of(MEASURES[measure]), lw=1.4, rows=rows
+    )
     fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
-    axes.set_title(f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}", fontsize=8)
-    axes.set_xlabel(f"{label(MEASURES[measure])} ({unit(MEASURES[measure])})")
+    title = f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}"
+    return Subplot(in_unit(MEASURES[measure]), _RATE, [*series, line], title, printed="x")
 
 
 def frame(overlays: Sequence[Overlay]) -> str:
@@ -204,24 +221,12 @@ def _joint(comparison: Comparison, one: PublishedRecordings) -> tuple[Joint, lis
     return joint, [pair for pair in pairs if np.isfinite(joint.fit.k[pair])]
 
 
-def _figures(comparison: Comparison, one: PublishedRecordings) -> list[PageFigure]:
+def _figures(comparison: Comparison, one: PublishedRecordings) -> list[Plot]:
     found = _joint(comparison, one)
     if found is None or not found[1]:
         return []
-    joint, pairs = found
-    files = ", ".join(overlay.recording.name for overlay in joint.overlays)
-    return [
-        PageFigure(
-            f"Fig. {one.scatter} of the source: rate against measure",
-            scatter(joint, pairs),
-            f"Each point is a recorded position; the line is that over all shapes. Data: {files}.",
-        ),
-        PageFigure(
-            f"Fig. {one.profiles} of the source: predicted over recorded",
-            overlays(joint, pairs),
-            f"Dots: recorded rates, ± 1 sd. Lines: rates predicted by this line. Data: {files}.",
-        ),
-    ]
+    files = ", ".join(overlay.recording.name for overlay in found[0].overlays)
+    return [scatter(*found, one.scatter, files), overlays(*found, one.profiles, files)]
 
 
 def _correlations(comparison: Comparison, one: PublishedRecordings) -> list[tuple[str, ...]]:
@@ -293,15 +298,6 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
     """Return the section on the profiles and the distance of measured points from them."""
     rows = tuple(_row(one, partner(one, profiles)) for one in measured)
     compared = [found for one in measured if (found := _difference(one, partner(one, profiles))) is not None]
-    figure = PageFigure(
-        "Deflection of the skin along the finger",
-        deflections(profiles, measured),
-        (
-            "Downward displacement of the skin along the center line of the pad against undeformed z (proximal "
-            "on the left). "
-        )
-        + ("Circles: measured, in the color of their depth; black without a depth." if measured else ""),
-    )
     text = (
         "The indentor lies across the finger, so that the deflection of the skin beside it can be "
         "measured from outside."
@@ -322,12 +318,37 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         )
     text += f"\n\nMeasured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
-    return Section("Deflection along the finger", text, header, rows, (figure,))
+    return Section("Deflection along the finger", text, header, rows, (deflections(profiles, measured),))
 
 
 def deflections(profiles: list[Deflection], measured: list[Deflection]) -> Plot:
     """Plot the simulated profiles and the measured points."""
-    return Plot((7.2, 3.8), lambda canvas: _draw(canvas, profiles, measured))
+    colors = {id(one): shade(k, len(profiles)) for k, one in enumerate(profiles)}
+    lines = [
+        Series("plot", one.z_mm, one.deflection_mm, color=colors[id(one)], lw=1.4, label=f"DOI {one.doi_mm:.2f} mm",
+               rows=rows_of("deflection", "z_mm", "deflection_mm", simulated=k))
+        for k, one in enumerate(profiles)
+    ]  # fmt: skip
+    points = [
+        Series("plot", one.z_mm, one.deflection_mm, ls="", marker="o", ms=4, mfc="none",
+               mec="black" if (other := partner(one, profiles)) is None else colors[id(other)],
+               rows=rows_of("deflection", "z_mm", "deflection_mm", measured=k))
+        for k, one in enumerate(measured)
+    ]  # fmt: skip
+    zero = guide("axhline", 0, color="black", lw=0.6)
+
+    def finish(figure: Figure, axes: list[Axes]) -> None:
+        axes[0].invert_yaxis()
+        axes[0].legend(fontsize=8)
+
+    return Plot(
+        (7.2, 3.8), [Subplot("z along the finger (mm)", "deflection of the skin (mm)", [*lines, *points, zero])],
+        "Deflection of the skin along the finger",
+        "Downward displacement of the skin along the center line of the pad against undeformed z (proximal "
+        "on the left). "
+        + ("Circles: measured, in the color of their depth; black without a depth." if measured else ""),
+        finish=finish,
+    )  # fmt: skip
 
 
 def _row(one: Deflection, other: Deflection | None) -> tuple[str, ...]:
@@ -346,18 +367,3 @@ def _difference(one: Deflection, other: Deflection | None) -> Array | None:
     inside = (one.z_mm >= other.z_mm[0]) & (one.z_mm <= other.z_mm[-1])
     left = one.deflection_mm - np.interp(one.z_mm, other.z_mm, other.deflection_mm)
     return left[inside] if inside.any() else None
-
-
-def _draw(canvas: Canvas, profiles: list[Deflection], measured: list[Deflection]) -> None:
-    axes = canvas.subplots()
-    colours = {id(one): shade(k, len(profiles)) for k, one in enumerate(profiles)}
-    for one in profiles:
-        axes.plot(one.z_mm, one.deflection_mm, color=colours[id(one)], lw=1.4, label=f"DOI {one.doi_mm:.2f} mm")
-    for points in measured:
-        other = partner(points, profiles)
-        colour = "black" if other is None else colours[id(other)]
-        axes.plot(points.z_mm, points.deflection_mm, "o", ms=4, mfc="none", mec=colour)
-    axes.axhline(0, color="black", lw=0.6)
-    axes.set(xlabel="z along the finger (mm)", ylabel="deflection of the skin (mm)")
-    axes.invert_yaxis()
-    axes.legend(fontsize=8)

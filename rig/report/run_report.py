@@ -23,8 +23,16 @@ from rig.records import grouped
 from rig.report import run_figures, run_tables
 from rig.report.choice_figure import choice_figures, choice_rows
 from rig.report.nerve_figures import nerve_figures, nothing_fired
-from rig.report.page_parts import PageFigure, figures_of, render
-from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
+from rig.report.page_parts import figures_of, render
+from rig.report.plot import Plot
+from rig.report.run_figures import (
+    PICTURES_A_PAGE,
+    contact_panels,
+    contacts_from_below,
+    is_relief,
+    population_responses,
+    ssrps,
+)
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
 from rig_shared.plural import number_of
@@ -77,7 +85,7 @@ def write_report(
     finger: Fingertip,
     wall_s: float | None = None,
     ending: Mapping[str, str] | None = None,
-    further: Sequence[PageFigure] = (),
+    further: Sequence[Plot] = (),
 ) -> Path:
     """Write report.html and the model's numbers into the run's folder.
 
@@ -110,7 +118,7 @@ def _write_page(
     found: list[PredictedHold],
     wall_s: float | None,
     ending: Mapping[str, str] | None,
-    further: Sequence[PageFigure] = (),
+    further: Sequence[Plot] = (),
 ) -> Path:
     provenance = read_provenance(run.folder, "devices")
     text = render(
@@ -143,31 +151,24 @@ def _write_page(
     return run.folder.report
 
 
-def run_page_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
+def run_page_figures(run: Run, found: list[PredictedHold]) -> list[Plot]:
     """Return the figures of the page, in its order."""
-    read = any(run.stream(stream) for stream in run_figures.SAMPLES)
-    over_time = [*_delivered_figure(run), *choice_figures(run), *([_over_time(run)] if read else [])]
+    pressed, groups = run_tables.delivered(run), list(by_target(conditions(run)).items())
+    over_time = [
+        *([run_figures.delivered_presses(pressed, run_tables.message(run, pressed))] if pressed else []),
+        *choice_figures(run),
+        *([run_figures.force_time(run)] if any(run.stream(stream) for stream in run_figures.SAMPLES) else []),
+    ]
     if not found:
         return over_time
-    moved = any(len(members) > 1 for members in by_group(found).values())
-    pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found)]
     spikes = read_spikes(run.folder)
-    return [*pressed, *(_ssrp_figures(found) if moved else ()), *(nerve_figures(run, spikes) if spikes else ())]
-
-
-def _delivered_figure(run: Run) -> list[PageFigure]:
-    found = run_tables.delivered(run)
-    if not found:
-        return []
     return [
-        PageFigure(
-            "Delivered against asked",
-            run_figures.delivered_presses(found),
-            "Mean of the last hold of each press. Above: delivered and asked. Below: delivered minus asked; bars: "
-            "the standard deviation of the readings in the hold; green: the tolerance. A finger relaxes, so the "
-            "mean of a hold may be lower than the force at its start. Data: hold_end.csv.",
-            message=run_tables.message(run, found),
-        )
+        *over_time,
+        *figures_of(groups, run_figures.GROUPS_A_PAGE, lambda part: run_figures.presses(run, dict(part))),
+        *figures_of(groups, run_figures.GROUPS_A_PAGE, lambda part: run_figures.force_depth(run, dict(part))),
+        *_contact_figures(run, found),
+        *_population_figures(found),
+        *(nerve_figures(run, spikes) if spikes else ()),
     ]
 
 
@@ -177,89 +178,36 @@ def _small_strain(found: Sequence[PredictedHold]) -> str:
     return "" if deepest is None else deepest.small_strain.note
 
 
-def _over_time(run: Run) -> PageFigure:
-    cut = " Hatched: the time between the parts of the run, not to scale." if len(run.parts) > 1 else ""
-    return PageFigure(
-        "Force against time",
-        run_figures.force_time(run),
-        "All readings of the run; gray: presses that are not data. Below: the phases of the run; white: "
-        f"lateral moves, rests, zeroing and waits.{cut} Data: sample.csv.",
-        charts=run_figures.force_charts(run),
-    )
-
-
-def _press_figures(run: Run) -> list[PageFigure]:
-    groups = list(by_target(conditions(run)).items())
-    spread = (
-        "Left: the mean over repeats of each condition, at depths that all repeats reached. Right: their standard "
-        "deviation. "
-        if run_figures.has_repeats(run)
-        else "No condition was repeated. "
-    )
-    return [
-        *figures_of(
-            "Press, hold and relaxation",
-            groups,
-            run_figures.GROUPS_A_PAGE,
-            lambda part: run_figures.presses(run, dict(part)),
-            "Left: force from the start of each press, all repeats. Right: force in each hold relative to "
-            "its first reading. Color: position of the indentor. Data: sample.csv.",
-        ),
-        *figures_of(
-            "Force against depth",
-            groups,
-            run_figures.GROUPS_A_PAGE,
-            lambda part: run_figures.force_depth(run, dict(part)),
-            "Force while pressing, against the depth from the contact fitted at each touch-off. "
-            f"{spread}Color: position of the indentor. Data: sample.csv.",
-        ),
-    ]
-
-
-def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
+def _contact_figures(run: Run, found: list[PredictedHold]) -> list[Plot]:
     last = [response for response in found if response.last]
-    top = run_figures.highest_pressure(last)
-    caption = (
-        "Black: the indentor. Gray: the deformed skin in the receptor plane. Orange: contact regions. Blue: nodal "
-        "pressure against undeformed x, unfiltered, filled where the skin touches; a node beside a contact shares "
-        "the force of its edge. Repeats are superimposed. The last hold of each indentation. Data: "
-        "model_contact.csv, model_pressure.csv."
-    )
+    top, reliefs = run_figures.highest_pressure(last), [one for one in last if is_relief(one.result.indentor)]
     return [
         *(
             figure
             for name, members in by_target(conditions(run)).items()
             for figure in figures_of(
-                f"Contact, {name}",
-                _repeats(members, last),
-                run_figures.CONTACTS_A_PAGE,
-                partial(run_figures.contact_panels, top=top),
-                caption,
+                _repeats(members, last), run_figures.CONTACTS_A_PAGE, partial(contact_panels, top=top, group=name)
             )
         ),
         *figures_of(
-            "Contact from below",
-            [response for response in last if is_relief(response.result.indentor)],
+            reliefs,
             PICTURES_A_PAGE,
-            lambda part: contacts_from_below([r.result for r in part], [_title(r) for r in part]),
-            "Nodal pressure over x and z, fingertip up. Gray: contours of the indentor's height. Orange: "
-            "contact. Dotted: the receptor plane. The last hold of each indentation.",
+            lambda part: contacts_from_below([one.result for one in part], [*map(_title, part)]),
         ),
-        *_population_figures(found),
     ]
 
 
-def _population_figures(found: list[PredictedHold]) -> list[PageFigure]:
-    moved, groups = run_figures.has_moved(found), by_group(found)
-    lines = "One line per hold; color: position." if moved else "One line per depth or force (first repeat)."
-    return figures_of(
-        "Population responses",
-        list(groups.values()),
-        run_figures.GROUPS_A_PAGE if moved else len(groups),
-        lambda part: run_figures.population_responses([response for members in part for response in members]),
-        "−ep1 (compression is positive) and strain energy density at the receptors, "
-        f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. {lines} Data: model_measures.csv.",
-    )
+def _population_figures(found: list[PredictedHold]) -> list[Plot]:
+    groups = list(by_group(found).values())
+    moved = run_figures.has_moved(found)
+
+    def responses_of(part: Sequence[list[PredictedHold]]) -> Plot:
+        return population_responses([one for members in part for one in members], moved=moved)
+
+    populations = figures_of(groups, run_figures.GROUPS_A_PAGE if moved else len(groups), responses_of)
+    if not any(len(members) > 1 for members in groups):
+        return populations
+    return [*populations, ssrps(found, "ep1"), ssrps(found, "sed")]
 
 
 def _repeats(members: Sequence[Condition], last: Sequence[PredictedHold]) -> list[list[PredictedHold]]:
@@ -271,23 +219,6 @@ def _repeats(members: Sequence[Condition], last: Sequence[PredictedHold]) -> lis
 def _title(response: PredictedHold) -> str:
     result = response.result
     return f"x = {signed(result.x_mm)} mm, {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
-
-
-def _ssrp_figures(found: list[PredictedHold]) -> list[PageFigure]:
-    return [
-        PageFigure(
-            "SSRP of ep1",
-            run_figures.ssrps(found, "ep1"),
-            "Simulated spatial response profiles: −ep1 at one receptor against the position of the indentor, "
-            "mean of repeats, one line per depth or force. Dotted: x of the receptor. Data: "
-            "model_measures.csv.",
-        ),
-        PageFigure(
-            "SSRP of strain energy density",
-            run_figures.ssrps(found, "sed"),
-            "The same for the strain energy density, in pseudo-units.",
-        ),
-    ]
 
 
 def _checksums(run: Run) -> list[tuple[str, str]]:

@@ -4,23 +4,17 @@ import numpy as np
 
 from rig.compare.stimuli import deepest_map
 from rig.data import Run
-from rig.report.page_parts import PageFigure
+from rig.report.plot import Plot
 from rig.report.profile_figures import strain_maps
 from sim.models.fingertip import Fingertip
 
 
-def strain_figures(run: Run, finger: Fingertip) -> list[PageFigure]:
+def strain_figures(run: Run, finger: Fingertip) -> list[Plot]:
     """Return the figure; none for a run without a finished press. One factorization of the whole mesh."""
     strain = deepest_map(run, finger)
     if strain is None:
         return []
     deepest = float(np.max(strain.stimulus.doi_mm))
-    return [
-        PageFigure(
-            "Strain under the skin",
-            strain_maps([strain]),
-            f"The deformed receptor plane at the deepest press ({strain.stimulus.title}, DOI {deepest:.3f} mm): one "
-            "value per element, not smoothed. White circles: receptors. The highest 3 % of the elements share the "
-            "top color.",
-        )
-    ]
+    press = f"{strain.stimulus.title}, DOI {deepest:.3f} mm"
+    where = f" at the deepest press ({press}): one value per element, not smoothed."
+    return [strain_maps([strain], "Strain under the skin", where)]

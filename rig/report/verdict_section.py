@@ -9,7 +9,8 @@ import numpy as np
 from rig.compare.verdict import LEVEL, AfferentVerdict, PairRow
 from rig.compare.verdict_text import TOO_FEW, methods, percent, probability, sentence, sentences
 from rig.report import verdict_figures
-from rig.report.page_parts import PageFigure, Section, figures_of
+from rig.report.page_parts import Section, figures_of
+from rig.report.plot import Plot
 from rig.report.style import as_limits, as_number
 from rig.report.verdict_figures import STIMULI_ACROSS, apart, most_telling, of_stimulus, plotted_pairs, ranking, rival
 
@@ -39,7 +40,7 @@ _WOULD_CHANGE = {
 
 
 def answer_sections(
-    answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool, instead: Sequence[PageFigure] = ()
+    answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool, instead: Sequence[Plot] = ()
 ) -> list[Section]:
     """Return the sections of each afferent in page order.
 
@@ -59,7 +60,11 @@ def _sections(answer: AfferentVerdict, frame: str, of: str) -> list[Section]:
         return [Section(f"Verdicts{of}", sentence(answer))]
     besides = (*sentences(answer), *_other_measure(answer), _WOULD_CHANGE[answer.outcome])
     return [
-        Section(f"Verdicts{of}", sentence(answer), figures=(_verdict(answer, frame, of),)),
+        Section(
+            f"Verdicts{of}",
+            sentence(answer),
+            figures=(verdict_figures.the_answer(answer, most_telling(answer), frame, of),),
+        ),
         Section(f"Details, and what would change the answer{of}", "", points=besides),
         _recorded(answer, frame, of),
         _residuals(answer, frame, of),
@@ -68,21 +73,6 @@ def _sections(answer: AfferentVerdict, frame: str, of: str) -> list[Section]:
         *_together(answer, of),
         Section(f"Methods text for a paper{of}", methods(answer)),
     ]
-
-
-def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
-    shown = most_telling(answer)
-    all_of_them = len(shown) == len(answer.stimuli)
-    some = "" if all_of_them else f"The {len(shown)} of {len(answer.stimuli)} most informative stimuli. "
-    return PageFigure(
-        f"Verdicts{of}",
-        verdict_figures.the_answer(answer, shown, frame),
-        f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of a measure and a "
-        "receptor, of that of another measure, and of that of a control, with the share of the held-out deviance "
-        "that they predict; gray crosses: positions left out. Below: measures and controls, each at its "
-        "maximum-likelihood receptor, with the p of its fit. Dotted: noise alone gives about 1.",
-        message=sentence(answer),
-    )
 
 
 def _other_measure(answer: AfferentVerdict) -> list[str]:
@@ -113,42 +103,22 @@ def _place(answer: AfferentVerdict, k: int) -> str:
 
 
 def _recorded(answer: AfferentVerdict, frame: str, of: str) -> Section:
-    title = f"Recorded over predicted{of}"
-    over = figures_of(
-        title,
-        range(len(answer.stimuli)),
-        STIMULI_ACROSS,
-        lambda shown: verdict_figures.profiles(answer, shown, frame),
-        "One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join the predictions at "
-        "the recorded positions and stop where positions are left out. Crosses: recorded positions that are "
-        "left out, since the simulation does not cover them at every receptor. "
-        f"Data: {', '.join(answer.recordings)}.",
-    )
-    against = PageFigure(
-        f"Rate against measure{of}",
-        verdict_figures.scatter(answer, frame),
-        "Each point is a recorded position; the measure is interpolated linearly in the SSRP. Line: the fit.",
-    )
+    stimuli = range(len(answer.stimuli))
+    over = figures_of(stimuli, STIMULI_ACROSS, lambda shown: verdict_figures.profiles(answer, shown, frame, of))
     return Section(
-        title,
+        f"Recorded over predicted{of}",
         "The maximum-likelihood pair, that of another measure, and that of a control. The answer would change "
         "where a prediction leaves the bars at many neighboring positions; see the residuals.",
-        figures=(*over, against),
+        figures=(*over, verdict_figures.scatter(answer, frame, of)),
     )
 
 
 def _residuals(answer: AfferentVerdict, frame: str, of: str) -> Section:
-    title = f"Residuals by position{of}"
-    figures = figures_of(
-        title,
-        range(len(answer.stimuli)),
-        STIMULI_ACROSS,
-        lambda shown: verdict_figures.residuals(answer, shown, frame),
-        "Shaded: two standard deviations of the noise.",
-    )
+    stimuli = range(len(answer.stimuli))
+    figures = figures_of(stimuli, STIMULI_ACROSS, lambda shown: verdict_figures.residuals(answer, shown, frame, of))
     limit = as_number(2 / max(len(_neighbours(answer)), 1) ** 0.5, 2)
     return Section(
-        title,
+        f"Residuals by position{of}",
         "With noise alone, 95 % of the residuals lie within two standard deviations, and neighbors are "
         f"uncorrelated (|r| below {limit} here). Where they are correlated, the measure misses a part of the "
         "profile's shape. A measure without this misfit would change the answer, even if no test rejects the "
@@ -180,13 +150,6 @@ def _fits(answer: AfferentVerdict, of: str) -> Section:
     finger = "The results hold for this finger (--fingers states a range of fingers)."
     if answer.fingers > 1:
         finger = f"The finger was fitted with each pair, among {answer.fingers} fingers of the stated ranges."
-    figure = PageFigure(
-        f"Every pair of measure and receptor{of}",
-        verdict_figures.every_pair(answer),
-        "Color: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1, and "
-        "values below share its color. Filled: in the set; ring: not rejected, but worse; none: rejected by its "
-        "own fit. Blank: no fit.",
-    )
     rest = [row for row in ranking(answer) if not row.in_set]
     return Section(
         f"Fits to the recording{of}",
@@ -197,7 +160,7 @@ def _fits(answer: AfferentVerdict, of: str) -> Section:
         f"them over all receptors of the set. {finger}",
         _PAIR,
         tuple(_cells(row) for row in (*answer.set, *rest)),
-        (figure,),
+        (verdict_figures.every_pair(answer, of),),
         tuple(_over_receptors(answer, name) for name in dict.fromkeys(row.name for row in answer.set)),
     )
 

@@ -10,10 +10,10 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 
-def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
+def execute(engine: Engine, step: Step[E, A], expected: E, *, rehearsal: bool = False) -> A:
     """Carry out a step as `step.expect` predicted, and return its answer; at its end all events are on disk."""
     try:
-        answer = step.execute(engine, expected)
+        answer = step.rehearse(engine, expected) if rehearsal else step.execute(engine, expected)
         engine.settle()
     except Exception:
         raise

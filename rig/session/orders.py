@@ -19,7 +19,6 @@ from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Owed, Step
-from rig.session.execute import Live
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -73,6 +72,7 @@ class NextOrder(Step[None, Order | None]):
     owed: ClassVar[Owed] = Owed.NOTHING
 
     planned: Order | None
+    orders: "PressOrders"
 
     def check(self, walk: Walk) -> Spot:
         return walk.spot()
@@ -81,7 +81,9 @@ class NextOrder(Step[None, Order | None]):
         return self.planned
 
     def execute(self, engine: Engine, expected: None) -> Order | None:
-        """Return the planned order, in a rehearsal."""
+        return self.orders.next(engine)
+
+    def rehearse(self, engine: Engine, expected: None) -> Order | None:
         return self.planned
 
 
@@ -101,10 +103,6 @@ class PressOrders:
         """Return the script that carries out orders."""
         return Script(Path(__file__), "orders", "Presses ordered by another program", "", self.scope, self.run)
 
-    def handler(self, engine: Engine, walk: Walk) -> "Ordered":
-        """Return the handler that waits for real orders."""
-        return Ordered(engine, walk, self)
-
     def run(self, rig: Rig) -> None:
         """Mount, home and zero, then carry out orders until the last one."""
         rig.mount(self.scope.indentor)
@@ -113,7 +111,7 @@ class PressOrders:
         rig.move_to(x_mm=at_mm)
         rig.zero()
         planned = self._planned()
-        while order := rig.do(NextOrder(planned=next(planned, None))):
+        while order := rig.do(NextOrder(planned=next(planned, None), orders=self)):
             if order.x_mm is not None and (order.what == "move" or order.x_mm != at_mm):
                 at_mm = order.x_mm
                 rig.move_to(x_mm=at_mm)
@@ -202,20 +200,6 @@ class PressOrders:
             over = self._order is None and self._alone()
             self._waiting = self._waiting and not over
             return self._order, over
-
-
-class Ordered(Live):
-    """Handler that waits for real orders, and carries out all other steps."""
-
-    def __init__(self, engine: Engine, walk: Walk, orders: PressOrders) -> None:
-        super().__init__(engine, walk)
-        self._orders = orders
-
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Carry out the step and return its result."""
-        if isinstance(step, NextOrder):
-            return self._orders.next(self._engine)  # type: ignore[return-value]
-        return super().handle(step, spot)
 
 
 def scope_of(values: Mapping[str, Any]) -> OrderScope:

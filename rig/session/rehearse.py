@@ -100,7 +100,7 @@ class Rehearsing:
             self._plant.spring = Spring.fitted(expected.planned, self._walk.model)
         elif isinstance(expected, ExpectedTouch):
             self._plant.spring = Spring(expected.contact_mm, **_UNDER_A_TOUCH)
-        return execute(self._engine, step, expected)
+        return execute(self._engine, step, expected, rehearsal=True)
 
 
 @dataclass(frozen=True)

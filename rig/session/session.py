@@ -178,7 +178,6 @@ class Session:
     plan: Plan
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=NoAttendant)
-    handler: Callable[[Engine, Walk], Handler] = Live  # carries out the steps
     button: StopButton | None = None  # of a real run
     chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
     possible: Plan | None = None  # every press that an adaptive run may choose
@@ -416,7 +415,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
     config, where = session.config, partial(with_stored_file, folder.path)
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
-    handler = session.handler(engine, walk)
+    handler: Handler = Live(engine, walk)
     if session.before is not None:
         handler = ResumeHandler(session.before, handler, config.habits.press_speed_mm_s)
     return Rig(session.script.parameters, walk, Patience(handler))

@@ -97,7 +97,7 @@ def met(
     script, out = IdentificationScript(meeting), Path(tempfile.mkdtemp())
     try:
         into, attendant = NewRun(out), Reading(script)
-        session = Session(script.as_script(), known, unmet, Plan(), into, attendant, script.handler)
+        session = Session(script.as_script(), known, unmet, Plan(), into, attendant)
         done = run_on(session, keeper.open_bench(session.pause), virtual=True)
     finally:
         shutil.rmtree(out, ignore_errors=True)

@@ -501,10 +501,10 @@ READERS: dict[str, Reader] = {
     "journal": Reader(
         "run/events.jsonl", _short_journals,
         _all_of(
-            lambda path: show_command(path.parent, as_json=True),
-            lambda path: show_command(path.parent),
+            lambda path: show_command(run=path.parent, as_json=True),
+            lambda path: show_command(run=path.parent),
             lambda path: watch_command(path.parent, as_json=True),
-            lambda path: runs_command(path.parents[1], as_json=True),
+            lambda path: runs_command(runs=path.parents[1], as_json=True),
             _panel,
             _bundle,
         ),
@@ -512,7 +512,7 @@ READERS: dict[str, Reader] = {
         in_suite=6,
     ),
     "journal, exported": Reader(
-        "run/events.jsonl", _short_journals, lambda path: export_command(path.parent, as_csv=True),
+        "run/events.jsonl", _short_journals, lambda path: export_command(run=path.parent, as_csv=True),
         beside=_run_folder, writes=RUN_WRITES,
         in_suite=1,
     ),
@@ -524,7 +524,7 @@ READERS: dict[str, Reader] = {
     "provenance": Reader(
         "run/provenance.json", _of_runs("provenance.json"),
         _all_of(
-            _resume, lambda path: show_command(path.parent), _bundle,
+            _resume, lambda path: show_command(run=path.parent), _bundle,
             lambda path: left_on_record(path.parents[1], load_config(None)),
         ),
         beside=_run_folder, writes=RUN_WRITES,
@@ -532,7 +532,7 @@ READERS: dict[str, Reader] = {
     ),
     "configuration of a run": Reader(
         "run/config.toml", _of_runs("config.toml"),
-        _all_of(_resume, lambda path: show_command(path.parent), _panel),
+        _all_of(_resume, lambda path: show_command(run=path.parent), _panel),
         beside=_run_folder, writes=RUN_WRITES,
         in_suite=7,
     ),
@@ -556,7 +556,7 @@ READERS: dict[str, Reader] = {
         in_suite=7,
     ),
     "index of runs": Reader(
-        f"runs/{INDEX}", _indexes, lambda path: runs_command(path.parent, as_json=True),
+        f"runs/{INDEX}", _indexes, lambda path: runs_command(runs=path.parent, as_json=True),
         beside=lambda path: shutil.copytree(OLD / "complete", path.parent / "complete"),
         writes=(f"*{INDEX}*",),
         in_suite=10,

@@ -36,9 +36,9 @@ class Tap(Step[ExpectedTouch, None]):
     ("rig/protocol/api.py", "    touch = ", "    tap = _method(steps.Tap)\n"),
     (
         "rig/data/events.py",
-        "@dataclass(frozen=True)\nclass CheckpointEvent(Event):",
+        "@dataclass(frozen=True, eq=False, repr=False)\nclass CheckpointEvent(Event):",
         '''\
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TapEvent(Event):
     """Contact was found several times."""
 
@@ -124,14 +124,11 @@ RUN_SECTION = [
         "def population_responses(",
         '''\
 def final_depths(found: list[PredictedHold]) -> Plot:
-    """Depth of each hold against the indentor's place."""
-    return Plot((6.6, 2.6), lambda figure: _final_depths(figure, found))
-
-
-def _final_depths(figure: Figure, found: list[PredictedHold]) -> None:
-    axes = figure.subplots()
-    axes.plot([r.hold["x_mm"] for r in found], [r.hold["doi_mm"] for r in found], ".", color=GREY)
-    axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
+    """Plot the depth of each hold against the indentor's place."""
+    x, depth = ([response.hold[key] for response in found] for key in ("x_mm", "doi_mm"))
+    rows = rows_of("hold_end.csv", "x_mm", "doi_mm")
+    points = Series("plot", x, depth, rows=rows, ls="", marker=".", color=GREY)
+    return Plot((6.6, 2.6), [Panel("indentor x (mm)", "depth (mm)", [points])], "Final depths", "Every hold.")
 
 
 ''',
@@ -139,7 +136,7 @@ def _final_depths(figure: Figure, found: list[PredictedHold]) -> None:
     (
         "rig/report/run_report.py",
         "        *_population_figures(found),\n",
-        '        PageFigure("Final depths", run_figures.final_depths(found), "Every hold."),\n',
+        "        run_figures.final_depths(found),\n",
     ),
 ]
 
@@ -149,27 +146,18 @@ COMPARISON_SECTION = [
         "def populations(",
         '''\
 def depths(stimulus: StimulusRow) -> Plot:
-    """Depth at each position."""
-    return Plot((4.6, 2.6), lambda figure: _depths(figure, stimulus))
-
-
-def _depths(figure: Figure, stimulus: StimulusRow) -> None:
-    axes = figure.subplots()
-    axes.plot(stimulus.x_mm, stimulus.doi_mm, "-o", ms=2, lw=1, color="C0")
-    axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
+    """Plot the depth at each position."""
+    rows = rows_of("population", "x_mm", "doi_mm", stimulus=stimulus)
+    line = Series("plot", stimulus.x_mm, stimulus.doi_mm, rows=rows, marker="o", ms=2, lw=1, color=GREY)
+    panel = Panel("indentor x (mm)", "depth (mm)", [line])
+    return Plot((4.6, 2.6), [panel], f"Depths: {stimulus.title}", "As held.")
 
 
 ''',
     ),
     (
         "rig/report/comparison_report.py",
-        "        *_pressures(moved),\n",
-        "        *map(_depths, moved),\n",
-    ),
-    (
-        "rig/report/comparison_report.py",
-        "def _pressures(",
-        "def _depths(stimulus: StimulusRow) -> PageFigure:\n"
-        '    return PageFigure(f"Depths: {stimulus.title}", profile_figures.depths(stimulus), "As held.")\n\n\n',
+        "        *figures_of(_moved(comparison), ",
+        "        *map(profile_figures.depths, _moved(comparison)),\n",
     ),
 ]

@@ -37,7 +37,10 @@ def announce() -> Iterator[Any]:
             {"protocol": "steps", "config": "/here/rig.toml"}, {"state": "asking"},
             "run of steps, asking", "rig stop --config /here/rig.toml",
         ),
-        ({"kind": "by hand", "config": "rig.toml"}, {"state": "Idle"}, "by hand, Idle", "rig stop --config rig.toml"),
+        (
+            {"kind": "by hand", "config": "/my rig/rig.toml"}, {"state": "Idle"},
+            "by hand, Idle", "rig stop --config '/my rig/rig.toml'",
+        ),
         ({"protocol": "steps"}, {"ok": False, "problem": "not now"}, "run of steps, not now", "rig stop"),
     ],
 )  # fmt: skip

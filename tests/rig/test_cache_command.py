@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from sim.models.cache import CacheError, entries, most_bytes
+from sim.models.cache import CacheError, most_bytes
 
 Said = Callable[..., tuple[int, str, str]]
 
@@ -83,9 +83,3 @@ def test_a_limit_that_is_none_is_refused(rig: Said, monkeypatch: pytest.MonkeyPa
     with pytest.raises(CacheError):
         most_bytes()
     assert rig()[0] == 2
-
-
-def test_what_is_kept_goes_with_pruning_only(rig: Said, folder: Path) -> None:
-    code, told, _ = rig("--keep-gb", "1", "--json")
-    assert (code, json.loads(told)["code"]) == (2, "needs_option")
-    assert len(entries()) == 3

@@ -11,11 +11,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rig.report.plot import Plot, Subplot, guide
 from rig.report.run_figures import PHASES
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, shade
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, shade
 
 SEEN = {
     "all colours": np.eye(3),
@@ -79,24 +79,15 @@ def test_only_what_lies_on_colors_keeps_its_own_on_a_dark_page(
     cells: NDArray[np.float64], place: tuple[float, float], kept: bool
 ) -> None:
     """Black on the dark page itself could not be read."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.imshow(cells)
-        axes.text(*place, "84 %", ha="center", va="bottom")
-
-    (group,) = re.findall(r'<g id="(\w+)">\s*<text [^>]*>84 %<', Plot((3, 3), draw).page_svg)
+    number = guide("text", *place, "84 %", ha="center", va="bottom")
+    plot = Plot((3, 3), [Subplot("", "", [guide("imshow", cells), number])])
+    (group,) = re.findall(r'<g id="(\w+)">\s*<text [^>]*>84 %<', plot.page_svg)
     assert group.startswith("map") is kept
 
 
 def test_edges_of_markers_on_a_map_stay_on_a_dark_page() -> None:
     """Browsers do not find the map around a marker that they repeat, so that it has a rule of its own."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.imshow(CELLS)
-        axes.plot([0, 1], [0, 1], "o", mfc="black", mec="white")
-
-    svg = Plot((3, 3), draw).page_svg
+    marks = guide("plot", [0, 1], [0, 1], "o", mfc="black", mec="white")
+    svg = Plot((3, 3), [Subplot("", "", [guide("imshow", CELLS), marks])]).page_svg
     (name,) = re.findall(r'<g id="map_\d+">\s*<defs>\s*<path id="(\w+)"', svg)
     assert f"#{name}{{stroke:#ffffff!important}}" in svg

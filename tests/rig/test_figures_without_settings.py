@@ -7,13 +7,10 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
-from matplotlib.figure import Figure
 
-from rig.report.style import Plot
+from rig.report.plot import Plot, Subplot, guide
 
-
-def _draw(figure: Figure) -> None:
-    figure.subplots().plot([0.0, 1.0], [1.0, 0.0], label="force (gwt)")
+PANELS = [Subplot("time (s)", "force (gwt)", [guide("plot", [0.0, 1.0], [1.0, 0.0])])]
 
 
 SETTINGS: dict[str, dict[str, object]] = {
@@ -26,10 +23,10 @@ SETTINGS: dict[str, dict[str, object]] = {
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_figure_does_not_follow_the_settings_of_the_user(name: str) -> None:
-    plain = Plot((3, 2), _draw).svg
+    plain = Plot((3, 2), PANELS).svg
     with mpl.rc_context(SETTINGS[name]):  # type: ignore[arg-type]
         of_the_user = dict(mpl.rcParams)
-        assert Plot((3, 2), _draw).svg == plain
+        assert Plot((3, 2), PANELS).svg == plain
         assert dict(mpl.rcParams) == of_the_user
 
 
@@ -40,8 +37,8 @@ ENVIRONMENTS = {
 }
 SAVE = """\
 import sys
-from tests.rig.test_figures_without_settings import Plot, _draw
-sys.stdout.write(Plot((3, 2), _draw).svg)
+from tests.rig.test_figures_without_settings import PANELS, Plot
+sys.stdout.write(Plot((3, 2), PANELS).svg)
 """
 
 
@@ -69,4 +66,4 @@ def test_a_program_starts_whatever_the_settings_of_matplotlib_are(name: str, whe
     program = "import rig.report\n" + SAVE
     done = subprocess.run([sys.executable, "-c", program], env=env, cwd=cwd, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == Plot((3, 2), _draw).svg
+    assert done.stdout == Plot((3, 2), PANELS).svg

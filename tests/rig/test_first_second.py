@@ -36,13 +36,13 @@ def said(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *w
 
 
 SOLVES = {"scipy", "numba", "h5py", "matplotlib", "pymodbus", "asyncio", "PIL"}
-PRESSES = SOLVES - {"h5py"} | {"sim.models.fingertip", "sim.plant"}
+PRESSES = SOLVES | {"sim.models.fingertip", "sim.plant"}
 READS = LIBRARIES - {"rig.engine"} | {"rig.engine.engine"}
 STOPS = LIBRARIES - {"serial"} | {"rig.data", "rig.protocol", "jinja2"}
 # What a command is asked: a module that it imports, and those it must not wait for. A help takes the time that
 # Python, typer and rich take; two hundred runs are listed in that time.
 IMPORTS = {
-    "--help": ("rig.cli.program", LIBRARIES),
+    "--help": ("rig.cli.program", LIBRARIES | {"pydantic"}),
     "stop --help": ("rig.control.stop", STOPS),
     "runs .": ("rig.data.journal", READS),
     "show run": ("rig.data.journal", READS),

@@ -109,7 +109,7 @@ def _identify(
         clock = VirtualClock(start_unix_s, 0.0)
         return bench_around(lambda c: MadeUpPlant(c, truth, most_gwt), SETTINGS, clock, byte_log)
 
-    session = Session(script.as_script(), SETTINGS, finger, Plan(), NewRun(tmp_path), Reader(script), script.handler)
+    session = Session(script.as_script(), SETTINGS, finger, Plan(), NewRun(tmp_path), Reader(script))
     return identification, run_on(session, opened, virtual=True)
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from PIL import Image
 
 from rig.cli import main
@@ -18,11 +17,9 @@ from rig.plan.config import Config, config_from, load_config
 from rig.plan.finger_model import copy_name, from_copy, named_file, responses, with_stored_file
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.run_figures import contacts_from_below
 from rig.study.exceptions import StudyError
 from rig.study.parameter_study import read_study
 from sim.config import FingertipConfig
-from sim.contact.patch import X, Z
 from sim.contact.shapes import ShapeError, with_file_beside
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -178,36 +175,3 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip)
 def halfspace() -> Fingertip:
     """Enough to be drawn."""
     return load("halfspace", FingertipConfig(mesh=MESH))
-
-
-def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Fingertip, tmp_path: Path) -> None:
-    ell(tmp_path / "l.png")
-    result = halfspace.indent(f"heightmap:{tmp_path / 'l.png'},width_mm=2,height_mm=0.4", 0.2, doi_mm=0.2)
-    figure = Figure(layout="constrained")
-    contacts_from_below([result, result], ["one", "a title that is too long for one line, so that it has two"]).draw(
-        figure
-    )
-    one, other, bar = figure.axes
-    mesh = one.collections[0]
-    np.testing.assert_array_equal(np.ravel(mesh.get_array()), result.kpa_per_pseudo * result.nodal_pressure_pseudo)
-    np.testing.assert_array_equal(mesh.get_coordinates()[..., 0].ravel(), result.model.patch.x)
-    assert mesh.get_clim() == (0, result.peak_pressure_kpa)
-    x, z = one.lines[0].get_data()
-    there = result.state.held.on(result.model.patch).interpolate(result.model.patch.position_mm.T)
-    np.testing.assert_array_equal(np.stack([x, z]), there[[X, Z]])
-    assert one.get_title() == "one"
-    assert other.get_title().count("\n") == 1
-    assert bar.get_ylabel() == "pressure (kPa)"
-    assert one.get_aspect() == 1.0
-
-
-def test_rig_indent_draws_what_it_pressed(rig: Callable[..., Any], tmp_path: Path) -> None:
-    letter = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4"
-    for shape, picture, begins in ((letter, "a.svg", b"<?xml"), ("sphere:2", "a.png", b"\x89PNG")):
-        found = rig(
-            *("indent", "--shape", shape, "--x-mm", "0", "--doi-mm", "0.2"),
-            *("--model", "halfspace", "--config", "coarse.toml", "--picture", picture),
-        )
-        assert found["code"] == 0
-        assert found["force_gwt"] > 0
-        assert (tmp_path / picture).read_bytes().startswith(begins)

@@ -12,6 +12,7 @@ from rig.engine.indentation import indent
 from rig.errors import RigError
 from rig.records import Target
 from rig.session.script_run import ENDINGS, stopped_at_once
+from tests.error_codes import raises
 from tests.moving_finger import (
     FACT_S,
     OVERSHOOT_GWT,
@@ -233,6 +234,17 @@ def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, ri
     assert bench.stage.homed
     now = bench.witness.now()
     assert now.force_gwt < bench.least_gwt, f"left at {now.height_mm:.2f} mm with {now.force_gwt:.1f} gwt"
+
+
+def test_the_lift_of_a_trip_goes_on_for_a_finger_that_follows_it(bench: FingerBench) -> None:
+    """It reaches the indentor just after the lift, while contact is measured."""
+    engine = bench.ready()
+    bench.finger.moves(in_s(bench, 0.5), 2.15, 1.0)
+    with raises(TripError, "contact_too_high"):
+        indent(engine, Target("doi_mm", 0.3))
+    now = bench.witness.now()
+    assert now.force_gwt < bench.least_gwt, f"left at {now.height_mm:.2f} mm with {now.force_gwt:.1f} gwt"
+    assert engine.known_contact.kind == "lifted"
 
 
 def test_a_trip_survives_a_stop_during_its_lift() -> None:

@@ -20,7 +20,9 @@ from rig.devices.registry import ramps
 from rig.engine import Pause, RecordError, Target, TripError, verbs
 from rig.engine.engine import Engine, State
 from rig.engine.indentation import indent, ramp
+from rig.engine.reference import compare_reference
 from rig.errors import NotReadyError, RigError
+from rig.records import PressId
 from rig.session.script_run import AT_ONCE, ENDINGS, stopped_at_once
 from rig.transport.wire import TransportError
 from tests.moving_finger import (
@@ -84,6 +86,10 @@ Meanwhile = tuple[float, Movements] | None
 
 class BrokenPromiseError(AssertionError):
     """What a program must not do."""
+
+
+class Killed(BaseException):
+    """The program is gone, without a chance to stop or to record anything."""
 
 
 class FingerMachine(RuleBasedStateMachine):
@@ -164,6 +170,31 @@ class FingerMachine(RuleBasedStateMachine):
         self._do(lambda engine: ramp(engine, doi_mm, speed_mm_s))
 
     @precondition(lambda self: not self.over)
+    @rule(x_mm=tenths(-2.0, 2.0), doi_mm=tenths(0.1, 0.5), presses=st.integers(1, 3), finger=MEANWHILE)
+    def precondition_skin(self, x_mm: float, doi_mm: float, presses: int, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 30.0 * presses)
+
+        def press(engine: Engine) -> None:
+            for n in range(presses):
+                verbs.be_over(engine, x_mm)
+                indent(engine, Target("doi_mm", doi_mm), hold_s=0.2, press_id=PressId(n, "precondition"))
+
+        self._do(press)
+
+    @precondition(lambda self: not self.over)
+    @rule(x_mm=st.sampled_from([0.0, -1.0]), finger=MEANWHILE)
+    def reference(self, x_mm: float, finger: Meanwhile) -> None:
+        """Its alarm trips only if limits.on_alarm says so; a finger that moved meanwhile raises it."""
+        self._meanwhile(finger, 60.0)
+
+        def press(engine: Engine) -> None:
+            verbs.be_over(engine, x_mm)
+            found = indent(engine, Target("doi_mm", 0.3), increments=2, hold_s=0.2, press_id=PressId(0, "reference"))
+            compare_reference(engine, found)
+
+        self._do(press)
+
+    @precondition(lambda self: not self.over)
     @rule()
     def retract(self) -> None:
         self._do(verbs.retract)
@@ -207,6 +238,7 @@ class FingerMachine(RuleBasedStateMachine):
         self.bench.clock.call_at(self._in_s(after_s), stop)
 
     _running = _stopped = _paused = False  # whether a verb runs; whether it was stopped, or paused
+    _killed = False  # whether nobody drives the stage, which completes what it was told
 
     @precondition(lambda self: not self.over)
     @rule()
@@ -218,10 +250,16 @@ class FingerMachine(RuleBasedStateMachine):
     @rule()
     def resume(self) -> None:
         """A new part of the run, after what failed was put right."""
+        self._judge_anew()
         self.over = self._blind = False
         self.bench.resume()
         if self._do(lambda engine: verbs.leave_finger(engine, self.bench.before, resumed=True)):
             self._do(lambda engine: self.bench.ready())
+
+    def _judge_anew(self) -> None:
+        """Judge only from now on, if the program before was killed, or its sensor showed what is not there."""
+        if self._killed or self._blind:
+            self._killed, self._judged = False, len(self.bench.witness.samples)
 
     # --- nothing, and questions ---
 
@@ -231,6 +269,7 @@ class FingerMachine(RuleBasedStateMachine):
         self.bench.clock.wait_s(seconds)
         self._judge()
 
+    @precondition(lambda self: not self._killed)
     @rule()
     def ask(self) -> None:
         self.bench.ask()
@@ -288,6 +327,10 @@ class FingerMachine(RuleBasedStateMachine):
                 verb(engine)
         except (KeyboardInterrupt, *ENDINGS) as error:
             problem = error
+        except Killed:
+            self.over = self._killed = True
+            self.bench.pause, self.bench.at_event = Pause(), lambda stream: None
+            return False
         finally:
             self._running = False
         self._judge()
@@ -312,7 +355,7 @@ class FingerMachine(RuleBasedStateMachine):
         """Judge everything since the last time the finger was free."""
         bench, witness = self.bench, self.bench.witness
         engine = bench.engine
-        if not self._blind:
+        if not (self._blind or self._killed):
             far_mm, force_gwt = witness.dragged(bench.least_gwt, self._judged)
             judge(far_mm <= STOP_MM, f"dragged by {far_mm:.2f} mm at up to {force_gwt:.1f} gwt")
             made_gwt = witness.made_gwt(TRIP_GWT, bench.read_s, self._judged)
@@ -423,6 +466,17 @@ class BytesMachine(FingerMachine):
 
         self.bench.clock.call_at(self._in_s(after_s), cut)
 
+    @rule(after_s=WHEN_S)
+    def kill(self, after_s: float) -> None:
+        """As `kill -9`: no byte goes out any more, and the controller completes what it was told."""
+
+        def kill() -> None:
+            if self._running:
+                self.bench.cable.cut = True
+                raise Killed
+
+        self.bench.clock.call_at(self._in_s(after_s), kill)
+
     @precondition(lambda self: self.over)
     @rule(
         by_mm=tenths(-4.0, 4.0).filter(bool),
@@ -459,6 +513,7 @@ class BytesMachine(FingerMachine):
 
     def _by_hand(self, deed: Callable[[], object]) -> bool:
         """Carry out a command by hand and judge it; return whether it ended normally."""
+        self._judge_anew()
         self.bench.plug_in()
         try:
             deed()

@@ -16,7 +16,7 @@ import pytest
 import typer
 from typer.models import ArgumentInfo, ParameterInfo
 
-from rig.cli.program import COMMANDS
+from tests.program import functions
 
 FROZEN = Path(__file__).parents[1] / "frozen"
 DOORS = ("sim", "rig.protocol")
@@ -24,15 +24,8 @@ DOORS = ("sim", "rig.protocol")
 
 def _commands() -> Iterator[str]:
     """Each command, and each argument and option: kind, default, range, and the words that its metavar offers."""
-    for name, command in COMMANDS.items():
-        module, _, function = command.where.partition(".")
-        found = getattr(import_module(f"rig.cli.{module}"), function)
-        inner = found.registered_commands if isinstance(found, typer.Typer) else []
-        for one in inner:
-            assert one.callback is not None
-            yield from _options(f"{name} {one.name or one.callback.__name__}", one.callback)
-        if not inner:
-            yield from _options(name, found)
+    for words, function in functions():
+        yield from _options(" ".join(words), function)
 
 
 def _options(command: str, function: Callable[..., Any]) -> Iterator[str]:
@@ -61,16 +54,6 @@ def _kind(kind: Any) -> str:
 
 def _value(value: Any) -> str:
     return str(value.value if hasattr(value, "value") else value) or '""'
-
-
-def commands_with(option: str) -> Iterator[str]:
-    """Commands of which a parameter has this name, or those of a group."""
-    for name, command in COMMANDS.items():
-        module, _, function = command.where.partition(".")
-        found = getattr(import_module(f"rig.cli.{module}"), function)
-        inner = [one.callback for one in found.registered_commands] if isinstance(found, typer.Typer) else [found]
-        if any(option in inspect.signature(one).parameters for one in inner if one is not None):
-            yield name
 
 
 def _names() -> Iterator[str]:

@@ -1,18 +1,31 @@
 """The options of a command are one value, which its command line repeats and whose rules are a table."""
 
 import shlex
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from itertools import combinations
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from rig.cli.options import JsonOption
-from rig.cli.request import Excludes, Needs, given_options, refuse, repeats, takes
-from rig.errors import BadInputError
-from tests.error_codes import raises
+from rig.cli.request import (
+    Alone,
+    ExactlyOne,
+    Excludes,
+    Needs,
+    Option,
+    Rule,
+    given_options,
+    options_of,
+    refuse,
+    repeats,
+    takes,
+)
+from tests.program import Program, functions
 
 
 @dataclass(frozen=True)
@@ -59,21 +72,75 @@ def test_the_line_leaves_out_what_does_not_change_the_result() -> None:
     assert given_options(request, without=("--json",)) == ["RUNS", "--exact", "--out"]
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "shown"),
-    [
-        (("--place-mm", "1"), "needs_option", "--place-mm requires --columns; add it"),
-        (("--exact", "--friction", "0.3"), "cannot_combine", "--exact and --friction cannot be combined; remove one"),
-        (("--exact", "--friction", "0"), None, ""),
-        (("--place-mm", "1", "--columns", "a"), None, ""),
-    ],
-)
-def test_options_that_need_or_exclude_each_other_are_refused_by_name(
-    words: tuple[str, ...], code: str | None, shown: str
+class Ruled(Request):
+    rules: ClassVar[Sequence[Rule]] = (
+        Alone("--columns", ("--json",)),
+        Excludes("--exact", ("--place-mm", "--seed")),
+        Needs("--place-mm", ("RUNS", "--friction 2.0")),
+        ExactlyOne(("--columns", "--exact", "--seed")),
+    )
+
+
+def test_a_request_that_keeps_the_rules_is_not_refused() -> None:
+    refuse(Ruled(columns=["a"], as_json=True))
+    refuse(Ruled(seed=2, place_mm="1", runs=[Path("a")]))
+    refuse(Ruled(seed=2, place_mm="1", friction=2.0))
+    refuse(Ruled(exact=True, seed=1))
+
+
+# --- rules between the options of every command ---
+
+
+def _broken(rule: Rule, labels: Sequence[str]) -> list[tuple[str, ...]]:
+    """Options that break a rule, each set as few as possible."""
+    match rule:
+        case Excludes(option, others):
+            return [(option, other) for other in others]
+        case Alone(option, but):
+            return [(option, other) for other in labels if other not in (option, *but)]
+        case Needs(option, others):
+            return [(option, *dict.fromkeys(f"{other.split()[0]} other" for other in others if " " in other))]
+        case ExactlyOne(options):
+            return [(), *combinations(options, 2)]
+
+
+def _completed(broken: tuple[str, ...], others: Sequence[Rule]) -> list[str]:
+    """The same options with what the other rules need."""
+    found = list(broken)
+    for rule in sorted(others, key=lambda one: isinstance(one, ExactlyOne)):
+        if isinstance(rule, Needs) and rule.option in found and not {*rule.others} & {*found}:
+            found.append(rule.others[0])
+        if isinstance(rule, ExactlyOne) and not {*rule.options} & {*found}:
+            found.append(rule.options[0])
+    return found
+
+
+def _words(found: Sequence[str], options: Mapping[str, Option]) -> list[str]:
+    """Words of a command line with these options, and with those that the command requires."""
+    values: dict[str, str] = dict((*one.split(" ", 1), "3")[:2] for one in found)
+    values = {label: "3" for label, one in options.items() if one.usual is MISSING} | values
+    given = {label: [f"{label}={value}"] if options[label].name else [value] for label, value in values.items()}
+    return [word for label, words in given.items() for word in ([label] if options[label].usual is False else words)]
+
+
+def test_every_rule_between_options_is_kept_by_its_command_before_anything_else(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rules = [Needs("--place-mm", "--columns"), Excludes("--exact", ["--seed", "--friction"])]
-    if code is None:
-        refuse(parsed(*words), rules)
-        return
-    with raises(BadInputError, code, sentence=shown):
-        refuse(parsed(*words), rules)
+    monkeypatch.chdir(tmp_path)
+    walked = set()
+    for command, function in functions():
+        request = getattr(function, "request", None)
+        rules = getattr(request, "rules", ())
+        options = {one.label: one for one in options_of(request)} if rules else {}
+        for rule in rules:
+            others = [other for other in rules if other is not rule]
+            named = rule.options if isinstance(rule, ExactlyOne) else (rule.option, *rule[1])
+            assert {one.split()[0] for one in named} <= options.keys(), (command, rule)
+            for broken in _broken(rule, list(options)):
+                words = [*command, *_words(_completed(broken, others), options), "--json"]
+                ended = program(*words)
+                assert (ended.code, ended.error_code) == (2, rule.code), words
+                assert all(one in ended.complaint for one in broken[:1]), words
+                walked.add((*command, *broken))
+    assert {("indent", "--shape point", "--model other"), ("show",), ("compare", "--example", "RUNS")} <= walked
+    assert len(walked) > 50

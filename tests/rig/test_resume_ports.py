@@ -99,4 +99,4 @@ def test_a_port_that_is_gone_names_the_way_to_resume(program: Program, stopped: 
     read_run(stopped).folder.write_checksums()
     ended = program("resume", stopped, "--yes", "--json")
     assert ended.json["code"] == "no_port", ended.err
-    assert "--config TOML" in ended.json["error_text"]
+    assert "--config=TOML --yes" in ended.json["error_text"]

@@ -18,7 +18,7 @@ import rig.cli.signals as interrupts
 from rig.bench.real import Request
 from rig.cli.keyboard import line_waits
 from rig.cli.run import ask_at_the_bench
-from rig.cli.script_execution import AtTheTerminal, RunOwner, owning
+from rig.cli.script_execution import AtTheTerminal, RequestedRun, RunOwner, owning
 from rig.cli.signals import (
     STOP_SIGNAL,
     PauseRequest,
@@ -101,7 +101,7 @@ def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
     monkeypatch.setattr(owning_module, "record_after", lambda *_: done.append("recorded"))
     owner.begins(RunFolder(tmp_path))
     _asked(owner, "stop")
-    owner.record(SCRIPT, Config(), NewRun(tmp_path))
+    owner.record(_requested(NewRun(tmp_path), Config()))
     assert done == ["over", "recorded"]
 
 
@@ -332,9 +332,13 @@ class Script:
 SCRIPT: Any = Script()
 
 
+def _requested(into: NewRun, config: Config) -> RequestedRun:
+    return RequestedRun(SCRIPT, config, into, print, as_json=False)
+
+
 def _owning(into: NewRun, *, virtual: bool = False, file: Path | None = None) -> Any:
     config = Config.model_validate({"stage": {"port": "/dev/a"}, "force": {"port": "/dev/b"}})
-    return owning(SCRIPT, config, into, None if virtual else OwnedStage(config, WallClock()), file)
+    return owning(_requested(into, config), None if virtual else OwnedStage(config, WallClock()), file)
 
 
 @pytest.mark.parametrize("virtual", [False, True])

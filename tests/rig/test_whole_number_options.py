@@ -1,7 +1,6 @@
 """Every option and argument of the program that is a number: anything else ends in one line with code 2."""
 
-from collections.abc import Callable, Iterator
-from importlib import import_module
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -9,8 +8,7 @@ import pytest
 import typer
 
 from rig.cli import program as commands
-from rig.cli.program import COMMANDS
-from tests.program import Program
+from tests.program import Program, functions
 
 WRONG = ["9" * 5000, "1e400", "1.5", "nan", ""]
 """What no command means by a whole number."""
@@ -18,33 +16,23 @@ NEEDED = {"--axis": "x", "--indentor": "bar:3.0"}
 """Values of required options; all others may be anything."""
 
 
-def _functions(name: str) -> Iterator[tuple[list[str], Callable[..., None]]]:
-    module, _, found = COMMANDS[name].where.partition(".")
-    command = getattr(import_module(f"rig.cli.{module}"), found)
-    if isinstance(command, typer.Typer):
-        yield from (([name, str(one.name)], one.callback) for one in command.registered_commands if one.callback)
-    else:
-        yield [name], command
-
-
 WHOLE, REAL = (int, int | None), (float, float | None)
 
 
 def _options(kinds: tuple[Any, ...] = WHOLE) -> Iterator[tuple[list[str], str, bool, list[str]]]:
     """Words of a command, its number, whether that is an option, and what else the command requires."""
-    for name in COMMANDS:
-        for words, function in _functions(name):
-            found: Any = typer.main.get_command(commands._app([name])).commands[name]
-            found = found.commands[words[1]] if len(words) > 1 else found
-            whole = [key for key, kind in get_type_hints(function).items() if kind in kinds]
-            for one in (param for param in found.params if param.name in whole):
-                needed = [other for other in found.params if other.required and other is not one]
-                values = [NEEDED.get(other.opts[0], "1") for other in needed]
-                more = [
-                    f"{other.opts[0]}={value}" if other.param_type_name == "option" else value
-                    for other, value in zip(needed, values, strict=True)
-                ]
-                yield words, one.opts[0], one.param_type_name == "option", more
+    for words, function in functions():
+        found: Any = typer.main.get_command(commands._app(words[:1])).commands[words[0]]
+        found = found.commands[words[1]] if len(words) > 1 else found
+        whole = [key for key, kind in get_type_hints(function).items() if kind in kinds]
+        for one in (param for param in found.params if param.name in whole):
+            needed = [other for other in found.params if other.required and other is not one]
+            values = [NEEDED.get(other.opts[0], "1") for other in needed]
+            more = [
+                f"{other.opts[0]}={value}" if other.param_type_name == "option" else value
+                for other, value in zip(needed, values, strict=True)
+            ]
+            yield words, one.opts[0], one.param_type_name == "option", more
 
 
 def test_every_whole_number_is_refused_in_one_line_unless_it_is_one(

@@ -53,7 +53,7 @@ def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path
         def begins(self, folder: RunFolder) -> None:
             script.begins(folder)
 
-    session = Session(script.as_script(), known, finger, Plan(), NewRun(tmp_path), Reader(), script.handler)
+    session = Session(script.as_script(), known, finger, Plan(), NewRun(tmp_path), Reader())
     done = run_on(session, keeper.open_bench(session.pause), virtual=True)
     assert done.problem is None
     assert meeting.reports

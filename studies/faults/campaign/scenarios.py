@@ -7,8 +7,10 @@ hand call. Each names its phases in `world.phase`; "" is not struck.
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, cast
+from unittest.mock import patch
 
 import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
@@ -145,10 +147,10 @@ class RunScenario:
             self._plan(),
             into,
             PhasedByEvents(world, self.events if verbs else {}, act),
-            lambda engine, walk: Phased(world, verbs, engine, walk),
         )
         world.phase = phase
-        end = sessions._on_a_bench(session, RunFolder(folder), lambda log: world.connected(), None)
+        with patch.object(sessions, "Live", partial(Phased, world, verbs)):
+            end = sessions._on_a_bench(session, RunFolder(folder), lambda log: world.connected(), None)
         world.phase = ""
         stop = read_run(world.folder or folder).stop
         status = "killed" if stop is None else str(stop["status"])

@@ -20,7 +20,7 @@ from rig.compare.verdict import A_CONSTANT
 from rig.data import Run, RunFolder, read_run
 from rig.data.folder import SCRIPT
 from rig.errors import BadInputError
-from rig.report.style import Plot
+from rig.report.plot import Plot
 from rig_shared.user_files import sha256_of
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from rig.report.glossary import GLOSSARY
-from rig.report.page_parts import PageFigure, Section, prose, render
-from rig.report.style import Plot
+from rig.report.page_parts import Section, prose, render
+from rig.report.plot import Plot, Subplot
 
 TEMPLATES = Path(__file__).parents[3] / "rig" / "report" / "templates"
 PARTS = ("page.html.j2", "figure.html.j2", "section.html.j2")
 PAGES = sorted(path.name for path in TEMPLATES.glob("*.html.j2") if path.name not in PARTS)
-PLOT = Plot((1.0, 1.0), lambda figure: figure.subplots().set(xlabel="x (mm)", ylabel="y (mm)"), layout=None)
+PANELS = [Subplot("x (mm)", "y (mm)", ())]
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -38,7 +38,7 @@ def test_the_glossary_is_one_click_away_and_has_the_words_of_the_pages() -> None
         lambda text: Section("T", text),
         lambda text: Section("T", "", points=(text,)),
         lambda text: Section("T", "", ("h",), ((text,),)),
-        lambda text: Section("T", "", figures=(PageFigure("F", PLOT, text),)),
+        lambda text: Section("T", "", figures=(Plot((1.0, 1.0), PANELS, "F", text, layout=None),)),
     ],
     ids=["paragraph", "list", "cell", "caption"],
 )
@@ -67,6 +67,6 @@ def test_prose_is_printed_as_in_a_paper(text: str, printed: str) -> None:
 
 
 def test_a_caption_changes_black_and_white_on_a_dark_page() -> None:
-    figure = PageFigure("F", PLOT, "Black: the indentor; white: rests.")
+    figure = Plot((1.0, 1.0), PANELS, "F", "Black: the indentor; white: rests.", layout=None)
     page = render("identification.html.j2", title="t", about="", sections=[Section("T", "", figures=(figure,))])
     assert '<span data-dark="White">Black</span>: the indentor; <span data-dark="black">white</span>: rests.' in page

@@ -7,55 +7,38 @@ from html import unescape
 from itertools import combinations
 from pathlib import Path
 from shutil import copytree
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from rig.compare.group import group_verdict
 from rig.compare.make_verdict import answers
 from rig.compare.verdict_text import sentences
 from rig.data import Run
 from rig.data.spike_files import SpikeRecord, SpikeTrain
 from rig.design.design import Design
 from rig.design.design_text import bound_name, headline, history_line, separation_line
-from rig.report import benchmark_page, profile_figures, verdict_figures
-from rig.report.comparison_report import shape_figures, write_comparison
-from rig.report.design_page import DesignPage, write_design_page
-from rig.report.group_page import GroupPage, write_group_page
-from rig.report.identification_page import write_identification_page
+from rig.report import profile_figures, verdict_figures
 from rig.report.measure_colors import color_of
 from rig.report.nerve_figures import nerve_figures, nothing_fired, pressed, rate_panels
-from rig.report.page_source import source_line
-from rig.report.recording_sections import deflection_section, source_section
 from rig.report.run_report import write_report
-from rig.report.style import label
-from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from tests.empty_figures import draw_nothing
-from tests.rig.compare.test_every_figure import (
+from tests.rig.compare.pages import (
+    PAGES,
     RATE,
-    _adaptive,
-    _comparison,
-    _deflections,
-    _design,
-    _identified,
-    _judged,
-    _speed,
+    Made,
+    adaptive,
+    made_comparison,
+    made_design,
+    of_comparison,
+    whole_design,
 )
 
 Make = Callable[..., Any]
-
-
-class Made(NamedTuple):
-    """A page, and how many presses, afferents or scenes it was made of."""
-
-    html: str
-    runs: tuple[str, ...] = ()
 
 
 @pytest.fixture(scope="module")
@@ -71,86 +54,6 @@ def made(bar_run: Run, finger: Fingertip, make_stimulus: Make, tmp_path_factory:
         return known[name]
 
     return page
-
-
-def _of_comparison(rate: Any, *, recorded: bool = True) -> Callable[..., Made]:
-    def make(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-        comparison = _comparison(make_stimulus, rate)
-        if not recorded:
-            comparison = replace(comparison, overlays=())
-        write_comparison(path, comparison, [run], finger, "rig compare", answers=answers(comparison))
-        return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
-
-    return make
-
-
-def _of_example(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    comparison = _comparison(make_stimulus)
-    write_comparison(path, comparison, [], finger, "rig compare --example bar3", answers=answers(comparison))
-    return Made(path.read_text(encoding="utf-8"))
-
-
-def _of_group(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    judged, comparison = _judged(make_stimulus), _comparison(make_stimulus)
-    found = {name: {o.stimulus.shape: o.recording for o in comparison.overlays} for name in (*judged, "a9")}
-    verdicts = {name: one for name, (_, one) in judged.items()}
-    page = GroupPage(group_verdict(judged), verdicts, found, {"a9": "it hardly fired"}, [run], "rig compare", "small")
-    write_group_page(path, page)
-    return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
-
-
-def _of_identification(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    page = _identified()
-    rows = [("1", "bar:3.0", "-1.2", "0.40", "5.1 (4 … 6)", "5.20", "± 8 %")]
-    forces = [("bar:3.0", "+0.0", "0.67", "7.00 (6.60 … 7.50)", "± 6 %")]
-    page = replace(page, source=source_line([run]), presses=rows, forces=forces)
-    write_identification_page(path, page)
-    return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
-
-
-def whole_design(**changed: Any) -> Design:
-    """A design of three presses, two of which differ; an hour has room for two of the three possible ones."""
-    found = _design()
-    block = np.array([0, 1, 0])
-    table: Any = SimpleNamespace(presses=found.table.presses)
-    bound = replace(found.bound, name="all presses", minutes=60.0, presses=2, different=2)
-    return replace(found, table=table, blocks=(block,), bound=bound, **changed)
-
-
-def _of_design(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    write_design_page(path, DesignPage(whole_design(), "designed.py", 590.0, [], "rig design"))
-    return Made(path.read_text(encoding="utf-8"))
-
-
-def _of_benchmark(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    levels = {level: {"nodes": 1} for level in ("fine", "coarse", "further")}
-    further = {family: dict.fromkeys(("force",), 0.01) for family in ("smooth", "bar", "step")}
-    reference = {"bars": further, "provenance": {"command": "c", "levels": levels, "further": further}}
-    return Made(
-        benchmark_page.page(
-            _speed(), machine="two cores", wall_s=1.0, quick=True, reference_s=1.0, reference=reference,
-            quantities={"force": "force"}, steps=(), breakdown=[], calculix=None, no_calculix="–",
-        )
-    )  # fmt: skip
-
-
-def _of_deflection(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    comparison = replace(_comparison(make_stimulus), overlays=())
-    extra = [deflection_section(*_deflections(), "mine.csv")]
-    write_comparison(path, comparison, [run], finger, "rig compare --deflection mine.csv", extra)
-    return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
-
-
-PAGES: dict[str, Callable[..., Made]] = {
-    "comparison": _of_comparison(RATE),
-    "comparison without a recording": _of_comparison(RATE, recorded=False),
-    "example": _of_example,
-    "deflection": _of_deflection,
-    "group": _of_group,
-    "identification": _of_identification,
-    "design": _of_design,
-    "benchmark": _of_benchmark,
-}
 
 
 # --- the first screen ---
@@ -195,7 +98,7 @@ def test_a_recording_without_spikes_is_a_sentence_alone(
     tmp_path: Path, bar_run: Run, finger: Fingertip, make_stimulus: Make
 ) -> None:
     """Nothing was compared, so there is nothing to plot."""
-    page = _of_comparison(0.0 * RATE)(tmp_path / "page.html", bar_run, finger, make_stimulus)
+    page = of_comparison(0.0 * RATE)(tmp_path / "page.html", bar_run, finger, make_stimulus)
     first = first_section(page.html)
     assert re.findall(r"<(p|ul|table|figure)\b", first) == ["p"]
     assert "the recorded rate is 0 at every position" in first
@@ -204,7 +107,7 @@ def test_a_recording_without_spikes_is_a_sentence_alone(
 @pytest.mark.usefixtures("empty_figures")
 def test_an_adaptive_run_begins_with_its_verdict(tmp_path: Path, bar_run: Run, finger: Fingertip) -> None:
     folder = replace(bar_run.folder, path=copytree(bar_run.folder.path, tmp_path / "run"))
-    page = write_report(replace(_adaptive(bar_run), folder=folder), finger).read_text(encoding="utf-8")
+    page = write_report(replace(adaptive(bar_run), folder=folder), finger).read_text(encoding="utf-8")
     assert page.index('class="message"') < page.index('id="verdict"') < page.index("<figure")
     assert "of at most 6 indentations" in in_words(page)
 
@@ -240,42 +143,8 @@ def _luminance(color: str) -> float:
     return float(np.dot((0.2126, 0.7152, 0.0722), linear))
 
 
-def test_a_measure_has_one_color_in_every_figure_of_a_comparison(make_stimulus: Make) -> None:
-    comparison = _comparison(make_stimulus)
-    (answer,) = answers(comparison)
-    figures = [
-        *(one for section in answer_sections([answer], "", recorded=True) for one in section.figures),
-        *shape_figures(comparison, ["ep1", "sed", "ep3"]),
-        *source_section(comparison).figures,
-    ]
-    colors: dict[str, set[str]] = {}
-    for page in figures:
-        figure = Figure(figsize=page.plot.size, layout=page.plot.layout)
-        page.plot.draw(figure)
-        for axes in figure.axes:
-            of = _measure(axes.get_title().split("\n")[-2 if "R²" in axes.get_title() else -1]) or _measure(
-                axes.get_title().split("\n")[0]
-            )
-            lines = [one for one in axes.lines if one.get_linestyle() == "-" and len(one.get_xdata()) > 2]  # type: ignore[arg-type]
-            for line in lines if of else ():
-                colors.setdefault(of, set()).add(to_hex(line.get_color()))
-        for legend in figure.legends:
-            for handle, text in zip(legend.get_lines(), legend.get_texts(), strict=True):
-                if _measure(text.get_text()):
-                    colors.setdefault(_measure(text.get_text()), set()).add(to_hex(handle.get_color()))
-    assert {"ep1", "sed"} <= colors.keys()
-    for name, found in colors.items():
-        assert found - {to_hex("#666666")} == {to_hex(color_of(name))}, name  # gray: the shape test is not passed
-
-
-def _measure(text: str) -> str:
-    """The measure that a title or a legend begins with or names after a colon; empty if there is none."""
-    named = text.rpartition(": ")[2] if " at " in text.rpartition(": ")[2] else text
-    return next((name for name in MEASURES if re.match(rf"{re.escape(label(name))}\b", named)), "")
-
-
 def test_the_control_of_the_words_is_that_of_the_figure(make_stimulus: Make) -> None:
-    (answer,) = answers(_comparison(make_stimulus))
+    (answer,) = answers(made_comparison(make_stimulus))
     drawn = verdict_figures.plotted_pairs(answer)[-1]
     assert drawn.control
     assert any(f"control, {drawn.title}, predicts" in one for one in sentences(answer))
@@ -358,7 +227,7 @@ def test_the_headline_says_whether_the_design_helps(designed: int, usual: int, w
     """Of 100 experiments, so many fail; the standard errors are at most 5 of 100."""
 
     def failing(name: str, number: int) -> Any:
-        one = replace(_design().outcomes[0], name=name, minutes=10.0)
+        one = replace(made_design().outcomes[0], name=name, minutes=10.0)
         truth = np.zeros(100, dtype=np.int64)
         evidence = 9.0 * np.eye(3)[np.where(np.arange(100) < number, 1, 0)]
         return replace(one, truth=truth, log_evidence=evidence, effective=np.full(100, 8.0))
@@ -416,8 +285,8 @@ def test_only_what_fired_is_drawn_and_the_rest_is_said(bar_run: Run) -> None:
     assert [one.title.split("\n")[0] for one in panels if one.fired] == ["SA1, hold"]
     against = figures["Simulated rate against position"]
     assert "No spike, and no panel: SA1, press, bar:3.0 to 0.4 mm; RA, press, " in against.caption
-    figure = Figure(figsize=against.plot.size, layout=against.plot.layout)
-    against.plot.draw(figure)
+    figure = Figure(figsize=against.size, layout=against.layout)
+    against.draw(figure)
     (axes,) = figure.axes
     assert axes.get_ylim()[1] < 1.2 * max(one.rates.max() for one in panels)
 
@@ -429,7 +298,7 @@ LONG = "heightmap:braille_dots_of_the_second_print.png,width_mm=3,height_mm=0.5,
 
 def test_titles_of_height_maps_do_not_overlap(make_stimulus: Make) -> None:
     """Neither each other nor the panel of a neighbor, in any figure that names stimuli above its panels."""
-    comparison = _comparison(make_stimulus)
+    comparison = made_comparison(make_stimulus)
     (answer,) = answers(comparison)
     names = tuple(f"{LONG} at {k} gwt" for k in (1, 2, 4))
     left_out = tuple(one._replace(stimulus=name) for one, name in zip(answer.left_out, names, strict=True))

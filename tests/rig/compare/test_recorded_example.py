@@ -19,7 +19,6 @@ from rig.report.example_page import Level, lead_sentences, moved_axes, undecided
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES, measures_in_layers, shown
 from sim.models.fingertip import Fingertip
-from tests.program import Program
 from tests.sim.coarse_mesh import coarse_mesh
 
 
@@ -83,9 +82,3 @@ LEVELS = [
 def test_a_measure_is_settled_where_it_leads_at_every_level() -> None:
     assert moved_axes(LEVELS, "static") == ["depth"]
     assert moved_axes(LEVELS[:2], "static") == []
-
-
-@pytest.mark.parametrize("more", [["runs/one"], ["--friction", "0.3"]])
-def test_an_option_that_the_example_would_ignore_is_refused(more: list[str], program: Program) -> None:
-    ended = program("compare", "--example", "bar3", *more, "--json")
-    assert (ended.code, ended.json["code"]) == (2, "example_alone")

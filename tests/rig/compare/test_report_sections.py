@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import StimulusRow
 from rig.report.comparison_report import measures_section
+from rig.report.plot import Plot, Subplot, guide
 from rig.report.recording_sections import Deflection, deflection_section, source_section, table_5_1
-from rig.report.style import Plot, label
+from rig.report.style import label
 from sim.measures.measures import BY_NAME, MEASURES
 
 X = np.linspace(-4, 3, 25)
@@ -87,13 +87,8 @@ def test_recordings_fill_figures_and_table(steps: list[StimulusRow], make_stimul
 
 def test_a_figure_has_the_same_bytes_each_time() -> None:
     """Its clips and markers have names in SVG, and files have dates."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.contour([[0.0, 1.0], [1.0, 3.0]])
-        axes.plot([0.0, 1.0], [0.0, 1.0], "o-")
-
-    one, other = Plot((3.0, 2.0), draw), Plot((3.0, 2.0), draw)
+    series = [guide("contour", [[0.0, 1.0], [1.0, 3.0]]), guide("plot", [0.0, 1.0], [0.0, 1.0], "o-")]
+    one, other = (Plot((3.0, 2.0), [Subplot("x (mm)", "y (mm)", series)]) for _ in range(2))
     assert one.svg == other.svg
     assert one.png == other.png
     assert b"Software" not in one.png

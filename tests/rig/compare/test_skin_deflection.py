@@ -108,9 +108,7 @@ def test_the_command(rig: Callable[..., tuple[int, str, str]], tmp_path: Path) -
     assert "deflection     measured − model" in said
     code, said, _ = rig(*asked, "--json")
     assert json.loads(said)["deflection"]["measured_mm"] == [0.5, 0.2]
-    point = ("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--deflection", str(path))
-    for words, refusal in ((point, "point_load"), ((*asked[:-1], "nowhere.csv"), "unreadable")):
-        code, out, err = rig(*words, "--json")
-        told = json.loads(out)
-        assert (code, told["code"]) == (2, refusal)
-        assert err == f"rig: {told['error_text']}\n"
+    code, out, err = rig(*asked[:-1], "nowhere.csv", "--json")
+    told = json.loads(out)
+    assert (code, told["code"]) == (2, "unreadable")
+    assert err == f"rig: {told['error_text']}\n"

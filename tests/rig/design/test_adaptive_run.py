@@ -13,6 +13,7 @@ import pytest
 
 from rig.cli.choosing import adaptive_run
 from rig.cli.run import _refuse_mounts
+from rig.cli.script_execution import RequestedRun
 from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.data.documents import as_line
@@ -117,6 +118,10 @@ def test_a_dry_run_chooses_and_says_what_it_found(here: Path, program: Program) 
     assert _choices(Path(again.json["run"])) == _choices(run.folder.path)
 
 
+def _requested(script: Script, config: Config, into: NewRun | StoppedRun) -> RequestedRun:
+    return RequestedRun(script, config, into, print, as_json=True)
+
+
 def _cuts(lines: list[dict[str, Any]]) -> list[int]:
     """Return the lengths of the journals that kills leave: in, before and after every press, and at its end."""
     ends = ("choice", "hold_start", "hold_end", "rest")
@@ -132,8 +137,7 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
     config = load_config(here / "rig.toml")
 
     def done(script: Script, into: NewRun | StoppedRun) -> FinishedRun:
-        stopped = into if isinstance(into, StoppedRun) else None
-        found = adaptive_run(script, TRUTH, 9.0, config, finger, stopped, virtual=True, as_json=True)
+        found = adaptive_run(_requested(script, config, into), TRUTH, 9.0, finger)
         with closing(found.opened()):
             plan = make_plan(found.as_script(), config, finger, found.before, None, known=found.approved.predictions)
             return dry_run(found.applied(Session(found.as_script(), config, finger, plan, into)))
@@ -204,7 +208,7 @@ def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be
     for module in ("rig.cli.run", "rig.cli.confirm"):
         monkeypatch.setattr(f"{module}.can_answer", lambda: False)
     with pytest.raises(BadInputError) as caught:
-        _refuse_mounts("resume", stopped.script, stopped.config, finger, "bar:3.0", stopped, as_json=True)
+        _refuse_mounts("resume", _requested(stopped.script, stopped.config, stopped), "bar:3.0")
     assert caught.value.code == "mount_by_hand"
 
 
@@ -213,7 +217,7 @@ def test_the_page_before_a_run_names_the_strongest_press_and_every_indentor_that
 ) -> None:
     """The presses of the plan are not those that come."""
     config, script = load_config(here / "rig.toml"), load_script(str(here / "designed.py"))
-    adaptive = adaptive_run(script, TRUTH, 9.0, config, finger, virtual=True, as_json=True)
+    adaptive = adaptive_run(_requested(script, config, NewRun(here / "runs")), TRUTH, 9.0, finger)
     possible, chosen = adaptive.approved, adaptive.as_script()
     plan = make_plan(chosen, config, finger, known=possible.predictions)
     plan = replace(plan, presses={**plan.presses, "data": plan.indentations[:1]})
@@ -380,7 +384,7 @@ class _Chooser(NextPressChooser):
         self.closed = True
 
 
-SECOND = ChoosePress(index=1, last=0, planned=7)
+SECOND = ChoosePress(index=1, last=0, planned=7, of=None)  # type: ignore[arg-type]
 
 
 @pytest.fixture
