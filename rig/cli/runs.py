@@ -59,6 +59,8 @@ class RunSummaryJson(Output):
     planned: int
     done: int
     duration_s: float
+    damage_text: NotRequired[str]
+    """Damage of its journal, and what is left out."""
 
 
 class UnreadableJson(Output):
@@ -196,7 +198,7 @@ class RunsRequest:
 
 @takes(RunsRequest)
 def runs_command(request: RunsRequest) -> None:
-    """List runs, newest last; an unreadable run gets one line on standard error."""
+    """List runs, newest last; an unreadable or damaged run gets one line on standard error."""
     with one_line_errors(as_json=request.as_json):
         chosen, table = request.filter, request.table
         if table is not None:
@@ -204,6 +206,8 @@ def runs_command(request: RunsRequest) -> None:
         entries = _entries(request.runs)
         found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]
+        for listed_run in (one.summary for one in found if one.summary.damage):
+            complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
         if table is not None:
             replace_text(table, _as_csv(found))
         if request.as_json:
@@ -282,7 +286,7 @@ def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Pa
 
 
 def _summary(run: Summary) -> RunSummaryJson:
-    return {
+    found: RunSummaryJson = {
         "name": run.name,
         "date_utc": run.date_utc,
         "protocol": run.protocol,
@@ -295,6 +299,7 @@ def _summary(run: Summary) -> RunSummaryJson:
         "done": run.done,
         "duration_s": run.duration_s,
     }
+    return {**found, "damage_text": run.damage} if run.damage else found
 
 
 _UNKNOWN = "unknown"

@@ -193,8 +193,9 @@ class _Planned:
         parameters = _ranged(self._script.parameters, low, high)
         rig, walk = self._rig(parameters)
         try:
+            script = self._script.fresh()
             with impatient():
-                self._script.run(rig)
+                script.run(rig)
         except (*_REFUSED, SilentScriptError):
             return walk.x_mm
         return None

@@ -112,8 +112,13 @@ class RunFolder:
         return {p.name for p in self.path.iterdir() if p.is_file() and p.name not in (_SUMS, _LOCK)}
 
     def write_checksums(self) -> None:
-        """Write SHA256SUMS for every file of the folder, as `sha256sum -c` reads it."""
-        self._write_sums({name: _digest(self.path / name) for name in self.files})
+        """Write SHA256SUMS for every file of the folder, as `sha256sum -c` reads it.
+
+        The copied inputs keep the checksums that they had when the run began.
+        """
+        known = self._known_sums() if (self.path / _SUMS).exists() else {}
+        inputs = {name: known[name] for name in self._inputs(known) if name in known}
+        self._write_sums({name: _digest(self.path / name) for name in self.files} | inputs)
 
     def add_checksums(self, made: set[str]) -> None:
         """Update SHA256SUMS for new files, and leave the other lines unchanged."""
@@ -135,6 +140,23 @@ class RunFolder:
         """Return the copied inputs that have changed since the run began. Raises OSError."""
         known = self._known_sums()
         return [name for name in self._inputs(known) if known.get(name) != _digest(self.path / name)]
+
+    @property
+    def warning(self) -> str | None:
+        """Sentence on the copied inputs that have changed since the run began; None if none is known to have."""
+        try:
+            known = self._known_sums()
+            there = [name for name in self._inputs(known) if name in known and (self.path / name).is_file()]
+            changed = [name for name in there if known[name] != _digest(self.path / name)]
+        except OSError:
+            return None
+        if not changed:
+            return None
+        return (
+            f"run folder {self.path}: {', '.join(changed)} changed since the run began, so what is read or computed "
+            f"from {'it' if len(changed) == 1 else 'them'} (finger, limits, protocol) may not be the run's; put back "
+            "an undamaged copy if you have one"
+        )
 
     def copies(self) -> dict[str, bytes]:
         """Return the copied inputs by file name. Raises OSError."""

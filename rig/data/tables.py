@@ -218,6 +218,7 @@ class Summary:
     done: int = 0
     duration_s: float = 0.0
     uid: str = ""  # of the run, which a copy of its folder shares
+    damage: str = ""  # of the journal: what is damaged and left out
 
     @property
     def of_the_run(self) -> Row:
@@ -268,6 +269,7 @@ def summary_of(run: Run) -> Summary:
         done=len(run.done),
         duration_s=run.duration_s,
         uid=str(start.get("uid", "")),
+        damage=(run.warning or "").removeprefix(f"run folder {run.folder.path}: "),
     )
 
 

@@ -121,7 +121,7 @@ class AdaptiveRun:
 
     def as_script(self) -> Script:
         """Return the script that carries out the choices."""
-        return replace(self.script, run=self.run)
+        return replace(self.script, run=self.run, texts=None)
 
     def run(self, rig: Rig) -> None:
         """Make presses until there is nothing to choose."""

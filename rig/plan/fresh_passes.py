@@ -1,4 +1,4 @@
-"""Passes over a script in fresh processes: whether it makes the same steps each time, so that it can be resumed."""
+"""Passes over a script in fresh processes: whether it makes the same steps each time, as a run needs."""
 
 import contextlib
 import json
@@ -19,6 +19,8 @@ from rig.protocol.steps import Step
 from rig_shared.errors import code_of
 
 _HASH_SEEDS = ("1", "2")
+_PASSES = 3
+"""Passes that a run makes in one process."""
 _LONGEST_S = 60.0
 
 
@@ -33,22 +35,22 @@ class StepDifference(NamedTuple):
 def find_difference(
     script: Script, config: Config, steps: Sequence[tuple[Step[Any, Any], Any]]
 ) -> StepDifference | None:
-    """Return the first difference between a pass and two in fresh processes with other hash seeds; None without one.
+    """Return the first difference between a pass and those in two fresh processes with other hash seeds, or None.
 
     steps: those of the first pass, with the answers that the script received; they are given again.
     """
     here = [in_words(step) for step, _ in steps]
-    parameters, answers = script.parameters.model_dump(mode="json"), [answer for _, answer in steps]
+    answers = [answer for _, answer in steps]
     tables = config.model_dump(mode="json", exclude_none=True)
-    order = pickle.dumps((str(script.path), script.name, parameters, tables, answers))
+    order = pickle.dumps((str(script.path), script.name, script.given, tables, answers))
     with contextlib.ExitStack() as running:
         processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
         for process in processes:
             try:
-                there = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
+                passes = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
             except (subprocess.TimeoutExpired, ValueError):
-                there = ["no end of the pass"]
-            if (found := _first(here, there)) is not None:
+                passes = [["no end of the pass"]]
+            if (found := next(filter(None, (_first(here, there) for there in passes)), None)) is not None:
                 for other in processes:
                     other.kill()
                 return found
@@ -100,16 +102,19 @@ class _Replay:
 
 
 def main() -> None:
-    """Make a pass, and print its steps as JSON."""
+    """Make as many passes as a run does, and print the steps of each as JSON."""
     path, name, parameters, tables, answers = pickle.load(sys.stdin.buffer)
-    replay = _Replay(answers)
+    config, passes = config_from("config", tables, Path()), []
     with contextlib.redirect_stdout(sys.stderr):
-        try:
-            script = script_with(Path(path), name, parameters)
-            script.run(Rig(script.parameters, Walk(config_from("config", tables, Path()), _AnyModel()), replay))
-        except (Exception, SystemExit) as error:
-            replay.steps.append(f"an error ({code_of(error)}): {error}")
-    print(json.dumps(replay.steps))
+        for _ in range(_PASSES):
+            replay = _Replay(answers)
+            passes.append(replay.steps)
+            try:
+                script = script_with(Path(path), name, parameters)
+                script.run(Rig(script.parameters, Walk(config, _AnyModel()), replay))
+            except (Exception, SystemExit) as error:
+                replay.steps.append(f"an error ({code_of(error)}): {error}")
+    print(json.dumps(passes))
 
 
 if __name__ == "__main__":

@@ -125,8 +125,9 @@ def make_plan(
         planner = ResumeHandler(before, planner, config.habits.press_speed_mm_s)
         compared.append(planner)
     try:
+        fresh = script.fresh()
         with impatient():
-            script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
+            fresh.run(Rig(fresh.parameters, walk, Patience(planner, on_step)))
         for one in compared:
             one.end()
     except FingerLostError:

@@ -36,6 +36,17 @@ class Script:
     run: Callable[[Rig], None]
     design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
     beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
+    given: Mapping[str, Any] = field(default_factory=dict)  # values of parameters before they were validated
+    texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None if run is not theirs
+
+    def fresh(self) -> "Script":
+        """Return the script loaded anew from the same texts, so that a pass begins as in a new process.
+
+        One whose `run` is the program's stays as it is.
+        """
+        if self.texts is None:
+            return self
+        return script_with(self.path, self.name, self.given, self.texts)
 
 
 def shipped_protocols() -> Path:
@@ -63,9 +74,15 @@ def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
     return script_with(path, path.stem, _assigned(assignments))
 
 
-def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
-    """Load the protocol in a file, under a name and with these parameters. Raises BadInputError."""
-    module, imported = _import(path)
+def script_with(
+    path: Path, name: str, parameters: Mapping[str, Any], texts: dict[str, bytes] | None = None
+) -> Script:
+    """Load the protocol in a file, under a name and with these parameters. Raises BadInputError.
+
+    texts: of files, by path, that are not read again; what is read is added.
+    """
+    texts = {} if texts is None else texts
+    module = _import(path, texts)
     run = getattr(module, "run", None)
     if not callable(run):
         raise BadInputError(f"protocol {path}: has no run(rig)", "no_run")
@@ -84,8 +101,9 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     title, source = str(metadata.get("title", name)), str(metadata.get("source", ""))
     design = getattr(module, "DESIGN", None)
     blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
+    imported = {Path(file).name: text for file, text in texts.items() if file != str(path)}
     beside = imported | _files(path, metadata.get("files", ()))
-    return Script(path, name, title, source, checked, run, blocks, beside)
+    return Script(path, name, title, source, checked, run, blocks, beside, parameters, texts)
 
 
 _METADATA = ("title", "source", "files")
@@ -194,6 +212,18 @@ def _of_a_run(name: str) -> bool:
 
 
 class _ScriptLoader(SourceFileLoader):
+    """Loader that reads each file once: a later pass runs the same text, even if the file was edited since."""
+
+    def __init__(self, fullname: str, path: str, texts: dict[str, bytes]) -> None:
+        super().__init__(fullname, path)
+        self._texts = texts
+
+    def get_data(self, path: str) -> bytes:
+        """Return the text of a file."""
+        if path not in self._texts:
+            self._texts[path] = super().get_data(path)
+        return self._texts[path]
+
     def get_code(self, fullname: str) -> CodeType:
         """Compile the text; bytecode beside it, which another account may have written, is not used."""
         path = self.get_filename(fullname)
@@ -203,25 +233,25 @@ class _ScriptLoader(SourceFileLoader):
 class _Beside(MetaPathFinder):
     """Finder of the modules beside a script. It comes last, so that `random.py` there hides no library."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self.found = folder, dict[str, Path]()
+    def __init__(self, folder: Path, texts: dict[str, bytes]) -> None:
+        self._folder, self._texts, self.found = folder, texts, list[str]()
 
     def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
         """Return the spec of a single file; packages are not looked for."""
         file = self._folder / f"{fullname}.py"
-        if path is not None or not file.is_file():
+        if path is not None or not (str(file) in self._texts or file.is_file()):
             return None
         if _of_a_run(file.name):
             raise ImportError(f"rename {file.name}: a run has a file of this name")
-        self.found[fullname] = file
-        return spec_from_file_location(fullname, file, loader=_ScriptLoader(fullname, str(file)))
+        self.found.append(fullname)
+        return spec_from_file_location(fullname, file, loader=_ScriptLoader(fullname, str(file), self._texts))
 
 
-def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
-    """Import a script; return its module and the modules beside it that it imported, by file name."""
+def _import(path: Path, texts: dict[str, bytes]) -> ModuleType:
+    """Import a script and the modules beside it anew, with these texts of files by path; read what is missing."""
     if path.suffix.lower() != ".py":
         raise BadInputError(f"protocol {path}: not a Python file; its name must end in .py", "no_python_file")
-    loader, finder = _ScriptLoader(f"protocol_{path.stem}", str(path)), _Beside(path.parent)
+    loader, finder = _ScriptLoader(f"protocol_{path.stem}", str(path), texts), _Beside(path.parent, texts)
     spec = spec_from_file_location(loader.name, path, loader=loader)
     assert spec is not None
     module = module_from_spec(spec)
@@ -229,7 +259,7 @@ def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
     sys.meta_path.append(finder)
     try:
         loader.exec_module(module)
-        return module, {file.name: read_bytes(file) for file in finder.found.values()}
+        return module
     except SyntaxError as error:
         raise BadInputError(
             f"protocol {error.filename or str(path)}, line {error.lineno or 1}: {error.msg}", "no_python"

@@ -147,6 +147,7 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     if before is not None:
         verbs.home(engine)
         handler = ResumeHandler(before, handler, settings.habits.press_speed_mm_s)
+    script = script.fresh()
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
     return Rehearsed(
         clock.monotonic_s(),

@@ -317,6 +317,7 @@ def _on_a_bench(
     session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
 ) -> PartEnd:
     """Carry out the script."""
+    session = replace(session, script=session.script.fresh())
     before = session.before
     contact_s, done = (0.0, set[int]()) if before is None else (before.contact_s, set(before.done))
     copies = folder.copies()

@@ -6,6 +6,7 @@ import os
 import shutil
 import threading
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from rig.cli.script_execution import RunOwner
 from rig.data import Run, read_run
 from rig.data.documents import as_line, fits, read_lines
+from rig.data.folder import PLAN, RunFolder
 from rig.data.journal import add_to_end, mend_journal
 from rig.data.tables import LISTED, summary_of
 from rig.plan.config import Config
@@ -166,6 +168,54 @@ def test_every_command_that_reads_a_run_says_once_if_its_journal_is_cut_off(
     said = [line for line in (ended.out + ended.err).splitlines() if "killed" in line and "1 of 3" in line]
     assert len(said) == cut, ended.out + ended.err
     assert all((line in ended.out) is (name in PRINT_THE_STATE) for line in said)
+
+
+INPUTS = ("config.toml", "protocol.py", "provenance.json", PLAN, "beside.py", "shape_map.npy")
+
+
+@pytest.mark.parametrize(
+    ("command", "file"), [*((one, "config.toml") for one in READERS), *product(["show"], INPUTS)]
+)
+def test_every_command_that_reads_a_run_names_the_stored_file_that_has_changed(
+    program: Program, folder: Path, command: str, file: str
+) -> None:
+    """Before any work with it; an export of the data does not make it the run's."""
+    about = json.loads((folder / "provenance.json").read_text("utf-8"))
+    (folder / "provenance.json").write_text(json.dumps({**about, "beside": ["beside.py"]}), encoding="utf-8")
+    for name in ("beside.py", "shape_map.npy"):
+        (folder / name).touch()
+    (folder / "SHA256SUMS").unlink()
+    RunFolder(folder).write_checksums()
+    text = (folder / file).read_text("utf-8")
+    (folder / file).write_text(
+        f"{text[:-1]} {text[-1:]}" if file.endswith("json") else f"{text}\n[", encoding="utf-8"
+    )
+    name, *options = command.split()
+    for _ in range(2):
+        ended = program(name, folder, *options)
+        (said,) = (line for line in ended.err.splitlines() if "since the run began" in line)
+        assert f"{file} changed" in said
+
+
+@pytest.mark.parametrize("options", [(), ("--table", "all.csv"), ("--json",)])
+@pytest.mark.parametrize("what", ["dropped", "one digit changed", "not a document", "saved with other line ends"])
+def test_a_list_of_runs_names_their_damage(
+    program: Program, folder: Path, tmp_path: Path, what: str, options: tuple[str, ...]
+) -> None:
+    """Also the second time, when it comes from the index."""
+    lines = _lines(folder)
+    if what in SPOILS:
+        SPOILS[what](lines, _number(lines, "hold_end", 1))
+    else:
+        lines = [line.replace(b"\n", b"\r\n") for line in lines]
+    (folder / "events.jsonl").write_bytes(b"".join(lines))
+    damage = read_run(folder).damage[0]
+    for _ in range(2):
+        ended = program("runs", folder.parent, *(str(tmp_path / one) if "." in one else one for one in options))
+        assert ended.code == 0, ended.err
+        assert f"events.jsonl is damaged, line {damage.line}: {damage.problem}" in ended.err
+        if options == ("--json",):
+            assert ended.json["runs"][0]["damage_text"] in ended.err
 
 
 @pytest.mark.parametrize("spoil", [_changed_bit, lambda lines, n: lines.pop(n)])

@@ -119,6 +119,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "events.jsonl").write_bytes(b"".join(map(as_line, numbered)))
     about = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     (folder / "provenance.json").write_text(json.dumps(_changed(about)), encoding="utf-8")
+    (folder / "SHA256SUMS").unlink()
     return folder
 
 

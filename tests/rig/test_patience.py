@@ -5,6 +5,7 @@ A script is run several times; this one goes round at its last.
 
 import re
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,7 +37,7 @@ ROUNDS = {
         "while True:\n            try: rig.note('again')\n            except Exception: pass", SILENT),
 }  # fmt: skip
 SCRIPT = """\
-runs = []
+runs = vars(__import__('sys')).setdefault(__file__, [])
 def run(rig):
     runs.append(1)
     rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)
@@ -54,6 +55,7 @@ def going_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
 
     def make(what: str, at: int) -> Script:
         path = tmp_path / "round.py"
+        vars(sys).pop(str(path), None)
         path.write_text(SCRIPT.format(at=at, round=what), encoding="utf-8")
         return load_script(str(path))
 

@@ -120,6 +120,29 @@ def test_a_module_beside_a_script_is_imported_at_its_top(tmp_path: Path, finger:
     has_code(_not_planned(tmp_path, finger, "import depths"), "module_beside_script")
 
 
+def test_a_later_pass_has_the_parameters_of_the_first(tmp_path: Path) -> None:
+    """A validator that converts a value does so once."""
+    converts = "    @field_validator('x_um')\n    def in_mm(cls, x_um):\n        return x_um / 1000\n"
+    text = f"from pydantic import field_validator\n{HEAD}    x_um: float = 300.0\n    doi_mm: float = 0.5\n{converts}"
+    for given, x_mm in (({}, 0.3), ({"x_um": "200"}, 0.2)):
+        script = script_with(_write(tmp_path, f"{text}\n\n{RUN}"), "mine", given)
+        assert (
+            script.fresh().parameters.model_dump() == script.parameters.model_dump() == {"x_um": x_mm, "doi_mm": 0.5}
+        )
+
+
+def test_a_later_pass_runs_the_text_that_was_loaded(tmp_path: Path) -> None:
+    """A script that is edited while it runs presses what was planned, and what the run has a copy of."""
+    _write(tmp_path, "DOI_MM = 0.5\n", "depths.py")
+    path = _write(tmp_path, f"from depths import DOI_MM\n{RUN}")
+    script = load_script(str(path))
+    path.write_text("nothing", encoding="utf-8")
+    (tmp_path / "depths.py").unlink()
+    fresh = script.fresh()
+    assert fresh.run is not script.run
+    assert fresh.beside == {"depths.py": b"DOI_MM = 0.5\n"}
+
+
 # --- parameters ---
 
 

@@ -95,6 +95,7 @@ def test_a_run_does_not_resume_with_another_setting(
 def test_a_port_that_is_gone_names_the_way_to_resume(program: Program, stopped: Path) -> None:
     provenance = json.loads((stopped / "provenance.json").read_text(encoding="utf-8"))
     (stopped / "provenance.json").write_text(json.dumps({**provenance, "virtual": False}), encoding="utf-8")
+    (stopped / "SHA256SUMS").unlink()
     read_run(stopped).folder.write_checksums()
     ended = program("resume", stopped, "--yes", "--json")
     assert ended.json["code"] == "no_port", ended.err

@@ -283,6 +283,8 @@ BEFORE = """\
 import os
 import random
 
+RNG = random.Random(7)
+
 
 def run(rig):
     rig.mount("bar:3.0")
@@ -294,9 +296,13 @@ UNSEEDED = {
     "an unseeded shuffle": "places = [i / 10 for i in range(-2, 4)]; random.shuffle(places)",
     "a loop over a set": 'places = [len(s) / 20 for s in {"a" * n for n in range(1, 9)}]',
     "the process": "places = [os.getpid() % 1000 / 1e4]",
+    "a count of its passes, where no other script counts": (
+        "os.passes = getattr(os, 'passes', 0) + 1; places = [os.passes / 10]"
+    ),
 }
 SEEDED = {
     "a seeded shuffle": "places = [-0.4, 0.0, 0.4]; random.Random(7).shuffle(places)",
+    "a seeded generator at its top": "places = [RNG.uniform(-0.4, 0.4)]",
     "an answer": "places = [0.1 + 1e-3 * rig.indent(doi_mm=0.2, hold_s=0.1).holds[-1].force_gwt]",
 }
 LOOP = "\n    for x in places:\n        rig.move_to(x_mm=x); rig.indent(doi_mm=0.2, hold_s=0.1)\n"
@@ -328,3 +334,53 @@ def test_an_unseeded_run_that_was_killed_never_mixes_conditions(program: Program
     else:
         assert ended.code == 0, ended.err
         assert len(set(pressed)) == len(pressed) == len(asked) + 1
+
+
+AT_THE_TOP = {
+    "a seeded generator": (
+        "RNG = random.Random(7)",
+        "places = RNG.sample([-0.4, -0.2, 0.0, 0.2, 0.4], RNG.randint(2, 5))",
+    ),
+    "the module's seed": (
+        "random.seed(7); PLACES = [-0.4, -0.2, 0.0, 0.2]",
+        "random.shuffle(PLACES); places = PLACES",
+    ),
+    "a generator of numpy": (
+        "RNG = np.random.default_rng(7)",
+        "places = RNG.uniform(-0.4, 0.4, 3).round(2).tolist()",
+    ),
+    "a counter": ("CALLS = [0]", "CALLS[0] += 1; places = [0.1 * CALLS[0]]"),
+    "a list that is emptied": ("PLACES = [-0.4, 0.0]", "places = [PLACES.pop(0) for _ in PLACES[:]]"),
+    "a generator of a module beside": ("import lab_random", "places = lab_random.places()"),
+    "a generator of the parameters": (
+        "RNG = random.Random(7)\nclass Parameters(ProtocolParameters):\n"
+        "    def places(self): return [RNG.uniform(-0.4, 0.4) for _ in range(3)]",
+        "places = rig.parameters.places()",
+    ),
+    "a choice by name": (
+        "class Side(Enum):\n    LEFT = -0.3\n    RIGHT = 0.3\n"
+        "class Parameters(ProtocolParameters):\n    side: Side = Side.LEFT",
+        "places = [0.1 if rig.parameters.side is Side.LEFT else 0.2, rig.parameters.side.value]",
+    ),
+}
+"""What a script has at its top, and the places that it presses by it."""
+
+
+@pytest.mark.parametrize("what", AT_THE_TOP)
+def test_a_run_makes_the_presses_that_were_planned(program: Program, tmp_path: Path, what: str) -> None:
+    """Each pass begins as in a new process, whatever an earlier one left at the top of the script."""
+    top, places = AT_THE_TOP[what]
+    beside = "import random\nRNG = random.Random(7)\ndef places():\n    return [RNG.random(), RNG.random()]\n"
+    (tmp_path / "lab_random.py").write_text(beside, encoding="utf-8")
+    path = tmp_path / "script.py"
+    head = "from enum import Enum\nimport numpy as np\nfrom rig.protocol import ProtocolParameters\n"
+    path.write_text(
+        f"{head}{BEFORE.replace('def run', top + chr(10) + 'def run')}    {places}{LOOP}", encoding="utf-8"
+    )
+    assert program("dry-run", path, "--out", tmp_path / "runs").code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    steps = [json.loads(line) for line in (folder / PLAN).read_text("ascii").splitlines()]
+    run = read_run(folder)
+    pressed = [event["x_mm"] for event in run.stream("indentation_start")]
+    assert pressed == pytest.approx([step["x_mm"] for step in steps if step.get("press") == "data"])
+    assert (run.missing, run.complete) == (0, True)

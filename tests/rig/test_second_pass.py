@@ -32,7 +32,8 @@ def carried_out(
     """A script that indents once when checked and does something else when carried out."""
     path = folder / "sly.py"
     path.write_text(
-        f"import os, sys, threading; passes = []\ndef run(rig):\n    passes.append(1); {READY}\n"
+        "import os, sys, threading; passes = vars(sys).setdefault(__file__, [])\n"
+        f"def run(rig):\n    passes.append(1); {READY}\n"
         "    if len(passes) > 1:\n"
         f"        {live}\n"
         "    else:\n        rig.indent(doi_mm=0.2)\n",

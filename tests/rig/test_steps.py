@@ -110,7 +110,8 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
     finger: Fingertip, tmp_path: Path, solves: list[tuple[Any, ...]]
 ) -> None:
     body = (
-        "passes = []\ndef run(rig):\n    passes.append(1)\n    rig.mount('cylinder:9')\n    rig.home()\n"
+        "import sys\npasses = vars(sys).setdefault(__file__, [])\n"
+        "def run(rig):\n    passes.append(1)\n    rig.mount('cylinder:9')\n    rig.home()\n"
         "    rig.zero()\n    rig.move_to(x_mm=0.0)\n    rig.indent(doi_mm=0.2, hold_s=0.1)\n"
         "    rig.indent(doi_mm=0.2 if len(passes) == 1 else 0.3, hold_s=0.1)\n"
         "    if len(passes) > 1:\n        rig.indent(force_gwt=30.0)\n"

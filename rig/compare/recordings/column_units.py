@@ -135,7 +135,12 @@ _SUFFIX = re.compile(r"(.+?)(?:[_\s]+in)?(?:[_\s]+|\s*/\s*|,\s*)((?:per[_\s]+)?[
 
 
 def header_name(text: str, of: Dimension) -> HeaderName:
-    """Return the words and the unit of a name in a header."""
+    """Return the words and the unit of a name in a header; "impulses/sec" and "normalized rate" are rates."""
+    first, _, others = _plain(text).partition(" ")
+    if of is RATE and first in ("normalized", "normalised") and means(others, "rate"):
+        return HeaderName(others, first, False, 1.0)
+    if of is RATE and not is_own_unit(text) and (factor := of.known(text)) is not None:
+        return HeaderName("rate", text, False, factor)
     if found := _BRACKETS.fullmatch(text):
         return HeaderName(_plain(found[1]), found[2].strip(), True, of.known(found[2]))
     if found := _SUFFIX.fullmatch(text):

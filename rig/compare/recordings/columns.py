@@ -248,8 +248,9 @@ class Row:
             text = shown["number"]
         value = self.format.number(text)
         if not value >= least:
-            bounded, mixed = least > -math.inf, self.format.commas and "." in text
-            expected = "a number" + f" of {least:g} or more" * bounded + " with a decimal comma" * mixed
+            bounded, mixed = least > -math.inf, bool(self.format.comma) and "." in text
+            expected = "a number" + f" of {least:g} or more" * bounded
+            expected += f" with a decimal comma, as {self.format.comma!r}, or that cell with a point" * mixed
             expected += no_data * (text.casefold() in _NO_DATA)
             if shown is not None:
                 expected += " in a cell format without a unit, or with that of the header"

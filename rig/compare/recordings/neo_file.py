@@ -23,7 +23,7 @@ from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import UnitSpikes
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, UnitSpikes, joined
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -73,7 +73,9 @@ class _Channels:
     spans: Mapping[str, Array] = field(default_factory=dict)
     """First and last time (1, 2) at which the unit of a spike train was observed, for those that state it."""
     lines: Mapping[str, Callable[[], tuple[Array, Array]]] = field(default_factory=dict)
-    """Rises and falls of sampled lines, by the names of their channels."""
+    """Rises and falls of sampled channels, by their names."""
+    epochs: tuple[str, ...] = ()
+    """Names of the event channels that are epochs."""
 
     @property
     def empty(self) -> bool:
@@ -85,8 +87,21 @@ class _Channels:
         """List of all names with their numbers of spikes or events."""
         trains = ", ".join(f"{name} ({number_of(len(times), 'spikes')})" for name, times in _first(self.trains))
         events = ", ".join(f"{name} ({number_of(len(times), 'events')})" for name, times in _first(self.events))
-        lines = f"; sampled lines: {', '.join(list(self.lines)[:_MOST_LISTED])}" if self.lines else ""
+        lines = f"; sampled channels: {', '.join(list(self.lines)[:_MOST_LISTED])}" if self.lines else ""
         return f"spike trains: {trains or 'none'}; event channels: {events or 'none'}{lines}"
+
+    @property
+    def may_have_pulses(self) -> bool:
+        """Whether there are events, or a sampled channel that is called as a line of pulses."""
+        return any(map(len, self.events.values())) or any(map(called_like_pulses, self.lines))
+
+    def unused(self, channel: str) -> tuple[str, ...]:
+        """Return a sentence on the epochs that are not the pulses."""
+        others = [name for name in self.epochs if name != channel]
+        held = joined(
+            [f"{name} ({number_of(len(self.events[name]), 'intervals')})" for name in others[:_MOST_LISTED]]
+        )
+        return (NOT_USED.format(held),) if others else ()
 
 
 def _first(channels: Mapping[str, Array]) -> list[tuple[str, Array]]:
@@ -117,7 +132,8 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
     return UnitSpikes(
         finite_times(path, name, spikes),
         np.sort(finite_times(path, channel, pulses)),
-        segment.spans.get(name),
+        segment.spans.get(name, THROUGHOUT),
+        notes=segment.unused(channel),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
         end_s=ends,
         line=channel in segment.lines,
@@ -180,15 +196,17 @@ def _channels(segment: Any) -> _Channels:
         if (span := _span(train, times)) is not None
     }
     events: dict[str, Array] = {}
+    epochs = list[str]()
     found = [(one, _loaded(one)) for one in (*segment.events, *segment.epochs)]
     labels = {id(one): loaded for one, loaded in found}
     for name, (one, times) in _with_names([(one, _in_seconds(loaded)) for one, loaded in found]):
         events[name] = times
+        epochs += [name] if any(one is epoch for epoch in segment.epochs) else []
         texts = np.array([same_name(str(text)) for text in np.asarray(labels[id(one)].labels)], dtype=str)
         distinct = sorted(set(texts.tolist()))
         if 1 < len(distinct) <= _MOST_LABELS and len(texts) == len(times):
             events |= {f"{name}/{text}": times[texts == text] for text in distinct}
-    return _Channels(trains, events, spans, _lines(segment))
+    return _Channels(trains, events, spans, _lines(segment), tuple(epochs))
 
 
 def _span(train: Any, times: Array) -> Array | None:
@@ -198,8 +216,8 @@ def _span(train: Any, times: Array) -> Array | None:
 
 
 def _lines(segment: Any) -> dict[str, Callable[[], tuple[Array, Array]]]:
-    """Return the sampled channels that are called as lines of pulses."""
-    signals = [one for one in segment.analogsignals if called_like_pulses(str(one.name or ""))]
+    """Return the sampled channels that have a name."""
+    signals = [one for one in segment.analogsignals if one.name]
     return {
         same_name(str(one.name)) if one.shape[1] == 1 else same_name(f"{one.name}/{k + 1}"): partial(_edges, one, k)
         for one in signals
@@ -282,9 +300,13 @@ def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Ar
     if name in segment.lines:
         return name, *segment.lines[name]()
     given = "sync" in columns.named
-    if name == NO_PULSES or (not given and not segment.lines and not any(map(len, segment.events.values()))):
+    if name == NO_PULSES or (not given and not segment.may_have_pulses):
         return name, np.empty(0), np.empty(0)
-    problem = f"there is no event channel {name}" if given else "the channel of the sync pulses is unknown"
+    problem = (
+        f"there is no event channel or sampled channel {name}"
+        if given
+        else "the channel of the sync pulses is unknown"
+    )
     raise RecordingError(
         f"{path}: {problem}; use --columns sync=CHANNEL, or sync=none if times are those of the run's journal "
         f"({segment.contents})",

@@ -20,13 +20,14 @@ _WHOLE = re.compile(r"[+-]?\d{3,}")
 class NumberFormat(NamedTuple):
     """Decimal sign of a table, and the columns in which a separator may be one of thousands."""
 
-    commas: bool = False
+    comma: str = ""
+    """A cell with a decimal comma; "" if the point is the decimal sign."""
     ambiguous: frozenset[str] = frozenset()
 
     def number(self, text: str) -> float:
         """Return the number of a cell, NaN for a text."""
         text = _minus(text)
-        if self.commas and "." in text:  # 1.234,5 or a mixture: which of the two is the decimal sign?
+        if self.comma and "." in text:  # 1.234,5 or a mixture: which of the two is the decimal sign?
             return math.nan
         if _NUMBER.fullmatch(text.replace(",", ".")) is None:
             return math.nan
@@ -57,7 +58,7 @@ def number_format(rows: Iterable[Mapping[str, str]], *, semicolons: bool = False
         for name, text in cells.items():
             columns.setdefault(name, []).append(_minus(text))
     commas = [text for texts in columns.values() for text in texts if "," in text and _DECIMAL_COMMA.fullmatch(text)]
-    proven = any(_GROUPED.fullmatch(text) is None for text in commas)
+    proven = next((text for text in commas if _GROUPED.fullmatch(text) is None), "")
     points = [text for texts in columns.values() for text in texts if "." in text and _NUMBER.fullmatch(text)]
     unproven = semicolons and not any(_GROUPED.fullmatch(text) is None for text in points)
     ambiguous = {

@@ -5,6 +5,7 @@ unit was observed (obs_intervals), without those of the table `invalid_times`. S
 a TimeSeries called `sync_pulses`: events with timestamps, or a sampled line, whose rises count.
 """
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,7 +30,7 @@ from rig.compare.recordings.hdf5 import (
     values_of,
 )
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import Array, UnitSpikes, union, without
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, joined, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -68,7 +69,17 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
         pulse_s, end_s = (columns["sync"].factor * np.sort(one) for one in (pulses.begin, pulses.end))
         read_as = f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}."
-        return UnitSpikes(spikes, pulse_s, observed, of_run, stated, notes, end_s, pulses.line, read_as)
+        return UnitSpikes(
+            spikes,
+            pulse_s,
+            observed,
+            of_run=of_run,
+            stated=stated,
+            notes=notes,
+            end_s=end_s,
+            line=pulses.line,
+            read_as=read_as,
+        )
 
 
 @contextmanager
@@ -193,13 +204,11 @@ def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, 
     return begin, end
 
 
-def _observed(
-    file: h5py.File, path: Path, columns: ColumnMap, units: _Units, row: int, spike_s: Array
-) -> Array | None:
-    """Return the intervals (n, 2) in which a unit was observed, in s; None if the file states none."""
+def _observed(file: h5py.File, path: Path, columns: ColumnMap, units: _Units, row: int, spike_s: Array) -> Array:
+    """Return the intervals (n, 2) in which a unit was observed, in s; infinite if the file states none."""
     column = columns["observed"]
     place = f"units/{column.name}"
-    found = None
+    found = THROUGHOUT
     if columns.observed_throughout:
         place = "units/obs_intervals"
     is_there = not {place, f"{place}_index"}.isdisjoint(f"units/{name}" for name in members(file, path, "units"))
@@ -230,9 +239,7 @@ def _observed(
                 "spikes_outside_observed",
             )
     invalid = _invalid(file, path)
-    if invalid is None:
-        return found
-    return without(np.array([[-np.inf, np.inf]]) if found is None else found, invalid)
+    return found if invalid is None else without(found, invalid)
 
 
 def _invalid(file: h5py.File, path: Path) -> Array | None:
@@ -326,11 +333,11 @@ def _pulses(
     """
     name, named = columns["sync"].name, "sync" in columns.named
     if named and name == NO_PULSES:
-        return _Pulses(np.empty(0)), True, ()
+        return _Pulses(np.empty(0)), True, _unused(file, path, _candidates(file, path))
     every = _candidates(file, path)
     meant = [one for one in every if name in (one.place, one.name)]
     if len(meant) == 1:
-        return _edges(file, path, meant[0]), False, _unused(every, meant[0])
+        return _edges(file, path, meant[0]), False, _unused(file, path, every, meant[0])
     likely = [one for one in every if _may_be_pulses(file, path, one)]
     if not (meant or named or (likely and required)):
         return _Pulses(np.empty(0)), False, ()
@@ -350,9 +357,22 @@ def _pulses(
     )
 
 
-def _unused(every: list[_Candidate], pulses: _Candidate) -> tuple[str, ...]:
-    trials = [str(one) for one in every if one.name == "trials" and one is not pulses]
-    return tuple(f"The file's {one} are not used: presses are those of the run's journal." for one in trials)
+def _unused(
+    file: h5py.File, path: Path, every: list[_Candidate], pulses: _Candidate | None = None
+) -> tuple[str, ...]:
+    """Return a sentence on the intervals that are not the pulses, with tags, and columns that may reject some."""
+    others = [one for one in every if one.kind == "intervals" and one is not pulses][:_MOST_LISTED]
+    held = [f"{one.name} ({', '.join([number_of(one.size, one.kind), *_about(file, path, one)])})" for one in others]
+    return (NOT_USED.format(joined(held)),) if held else ()
+
+
+def _about(file: h5py.File, path: Path, one: _Candidate) -> list[str]:
+    columns = [name for name in members(file, path, one.place) if _REJECTING.search(name)]
+    tags = sorted(set(texts_in(file, path, f"{one.place}/tags") or []))
+    return [*(f"column {name}" for name in columns), *tags][:_MOST_LISTED]
+
+
+_REJECTING = re.compile(r"artifact|artefact|reject|bad|exclude|invalid|noise|valid|keep|good", re.IGNORECASE)
 
 
 class _Pulses(NamedTuple):

@@ -42,14 +42,16 @@ class UnitSpikes:
 
     Spikes are in the order of the file; pulses ascend. `pulse_s` are the rises of the pulses, or all edges if the
     file does not tell them apart; `end_s` are their falls, and `line` is whether both are of a line with two levels.
-    `observed_s` (n, 2) are the intervals in which the file says that the unit was observed; None if it says nothing.
+    `observed_s` (n, 2) are the intervals in which the file says that the unit was observed, infinite where it does
+    not say when they begin or end; `throughout` is whether the user states that these reach over the whole run.
     `of_run` is whether the file was exported from the run; `stated` is whether the user states that there are no
     pulses. `notes` are sentences for the page, and `read_as` says what was read, in which unit.
     """
 
     spike_s: Array
     pulse_s: Array
-    observed_s: Array | None = None
+    observed_s: Array = field(default_factory=THROUGHOUT.copy)
+    throughout: bool = False
     of_run: bool = False
     stated: bool = False
     notes: tuple[str, ...] = ()
@@ -62,13 +64,14 @@ class UnitSpikes:
 class SpikeTimes:
     """Spikes of one unit in s since the start of the run, ascending.
 
-    `observed_s` (n, 2) are the intervals in which the unit was observed. If the file does not state them, they reach
-    from its first to its last event, and a press that they touch counts.
+    `observed_s` (n, 2) are the intervals in which the file says that the unit was observed, infinite where it does
+    not say when they begin or end. There `events_s`, from the first to the last event of the file, limits them, and a
+    press that it touches counts.
     """
 
     spike_s: Array
     observed_s: Array = field(default_factory=THROUGHOUT.copy)
-    stated: bool = True
+    events_s: tuple[float, float] = (-np.inf, np.inf)
     clock: SpikeClock = _UNTOLD
     notes: tuple[str, ...] = ()
     read_as: str = ""
@@ -76,29 +79,35 @@ class SpikeTimes:
     def observed(self, begin_s: float, end_s: float) -> bool:
         """Return whether the unit was observed in a window."""
         first, last = self.observed_s.T
-        if self.stated:
-            return bool(((first <= begin_s + _TICK_S) & (end_s <= last + _TICK_S)).any())
-        return bool(((first <= end_s) & (begin_s <= last)).any())
+        inside = (first <= begin_s + _TICK_S) & (end_s <= last + _TICK_S)
+        return bool(inside.any()) and self.events_s[0] <= end_s and begin_s <= self.events_s[1]
 
     def shifted(self, shift_s: float) -> "SpikeTimes":
         """Return the spikes as they were if the clock of the file told a time later by `shift_s`."""
-        return replace(self, spike_s=self.spike_s + shift_s, observed_s=self.observed_s + shift_s)
+        first_s, last_s = self.events_s
+        return replace(
+            self,
+            spike_s=self.spike_s + shift_s,
+            observed_s=self.observed_s + shift_s,
+            events_s=(first_s + shift_s, last_s + shift_s),
+        )
 
     @property
     def span(self) -> str:
         """The intervals, as a clause."""
-        spans = " and ".join(f"{_at(first)} to {_at(last)}" for first, last in self.observed_s[:_MOST_SPANS].tolist())
-        more = f" and {len(self.observed_s) - _MOST_SPANS} more" if len(self.observed_s) > _MOST_SPANS else ""
-        if not len(self.observed_s):
+        known_s = both(self.observed_s, np.array([self.events_s]))
+        spans = " and ".join(f"{_at(first)} to {_at(last)}" for first, last in known_s[:_MOST_SPANS].tolist())
+        spans += f" and {len(known_s) - _MOST_SPANS} more" * (len(known_s) > _MOST_SPANS)
+        if not len(known_s):
             return "the unit was never observed"
-        if self.stated and np.isinf(self.observed_s).all() and len(self.observed_s) == 1:
+        if np.isinf(known_s).all() and len(known_s) == 1:
             return "the unit was observed throughout"
-        if self.stated:
-            return f"the unit was observed from {spans}{more}"
-        return (
-            f"the file has events from {spans}, and does not state how long it recorded; if to the end of the run, "
-            "use --columns observed=throughout"
-        )
+        if np.isinf(self.events_s).all():
+            return f"the unit was observed from {spans}"
+        throughout = "if to the end of the run, use --columns observed=throughout"
+        if np.isinf(self.observed_s).all() and len(self.observed_s) == 1:
+            return f"the file has events from {spans}, and does not state how long it recorded; {throughout}"
+        return f"the unit was observed from {spans}, as its intervals state and its events show; {throughout}"
 
 
 _MOST_SPANS = 4
@@ -129,10 +138,16 @@ def without(spans: Array, gaps: Array) -> Array:
     return union(spans)
 
 
-def extent(*times: Array) -> Array:
-    """Return the interval (1, 2) from the first to the last of several lists of times; (0, 2) without any."""
-    every = np.concatenate(times)
-    return np.array([[every.min(), every.max()]]) if len(every) else np.empty((0, 2))
+def both(spans: Array, others: Array) -> Array:
+    """Return what two lists of intervals (n, 2), (m, 2) share."""
+    return union(np.array([(max(a, c), min(b, d)) for a, b in spans for c, d in others]).reshape(-1, 2))
+
+
+NOT_USED = (
+    "The file's {} are not used: presses are those of the run's journal. If they mark presses that do not count, "
+    "leave these out of the times at which the unit was observed."
+)
+"""Sentence on intervals of a file."""
 
 
 def joined(words: Sequence[str]) -> str:

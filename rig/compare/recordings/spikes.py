@@ -30,7 +30,7 @@ from rig.compare.recordings.recording import (
     shape_key,
     with_enough_positions,
 )
-from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent, union
+from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, union
 from rig.compare.recordings.sync_pulses import NO_PULSES, ClockFit, called_like_pulses, fitted_clock, leading_edges
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
@@ -116,8 +116,9 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
         raise RecordingError(
             f"{_unit_in(path, unit)}: {close} of {spikes} spikes come less than {1e3 * _REFRACTORY_S:g} ms after "
             f"another, {same} of them at the same time, which no neuron does; if spikes are in the file twice (a "
-            "unit merged with itself, a file appended to itself), delete the copies; if times are rounded, export "
-            "them with more decimals; else check their unit of time",
+            "unit merged with itself, a file appended to itself), delete the copies; if times begin anew in each "
+            "trial, export those of the whole recording; if they are rounded, export them with more decimals; else "
+            "check their unit of time",
             "spikes_twice",
         )
     _refuse_echoes(path, unit, gaps_s)
@@ -168,7 +169,7 @@ _FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05
 
 def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes:
     """Return the spikes of a unit that was observed throughout, as the user states."""
-    if not columns.observed_throughout or found.observed_s is not None:
+    if not columns.observed_throughout or not np.isinf(found.observed_s).any():
         problem = (
             "the file states when the unit was observed"
             if columns.observed_throughout
@@ -177,7 +178,7 @@ def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes
         raise RecordingError(
             f"{path}: --columns observed={columns['observed'].name} cannot be used: {problem}", "no_observed"
         )
-    return replace(found, observed_s=THROUGHOUT)
+    return replace(found, throughout=True)
 
 
 def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
@@ -189,13 +190,15 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     spike_s = fit.run_s(found.spike_s)
     notes = [*_outside_run(found.spike_s, spike_s, run.end_s), *_short_intervals(spike_s, run.end_s)]
     found = replace(found, notes=(*found.notes, *notes))
-    if found.observed_s is not None:
-        every = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
-        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, every, found.read_as)
-    events = extent(spike_s, fit.run_s(found.pulse_s))
-    if fit.complete or not len(events):
-        return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes, read_as=found.read_as)
-    return SpikeTimes(spike_s, events, False, fit.clock, found.notes, found.read_as)
+    observed_s, events_s = fit.run_s(found.observed_s), (-np.inf, np.inf)
+    every_s = np.concatenate([spike_s, fit.run_s(found.pulse_s)])
+    if len(every_s) and not (found.throughout or fit.complete):
+        events_s = (
+            float(every_s.min()) if np.isneginf(observed_s).any() else -np.inf,
+            float(every_s.max()) if np.isposinf(observed_s).any() else np.inf,
+        )
+    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
+    return SpikeTimes(spike_s, observed_s, events_s, fit.clock, every, found.read_as)
 
 
 def _not_observed(spike_s: Array, observed_s: Array) -> list[str]:
@@ -260,7 +263,10 @@ _KINDS = ("spike", "sync", "start", "stop")
 
 
 def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
-    """Read the rows `time_s[,kind][,unit]`; rows of kind start and stop limit the time in which it was recorded."""
+    """Read the rows `time_s[,kind][,unit]`.
+
+    Rows of kind start and stop limit the time in which the unit that they name was observed, or every unit.
+    """
     stated = "sync" in columns.named
     if stated and columns["sync"].name != NO_PULSES:
         raise RecordingError(
@@ -272,19 +278,22 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=given, hint=COLUMNS_HINT)
     if not stated:
         _refuse_pulses_beside(path, rows)
-    times: dict[str, list[float]] = {name: [] for name in _KINDS}
+    of_file, of_unit = ({kind: list[float]() for kind in _KINDS} for _ in range(2))
     units: dict[str | float, str] = {}
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
-        if said not in times:
+        if said not in _KINDS:
             raise row.wrong("kind", "unknown_kind", either(_KINDS))
-        name = row.cells.get("unit", "") if said == "spike" else ""
-        if said == "spike" and (same := units.setdefault(label_key(name), name)) != name:
+        name = "" if said == "sync" else row.cells.get("unit", "")
+        of_a_unit = said == "spike" or name != ""
+        if of_a_unit and (same := units.setdefault(label_key(name), name)) != name:
             expected = f"{same!r}, if this is the same unit; name each unit in one way"
             raise row.wrong("unit", "unclear_name", expected)
         seconds = row.number(role_name("time"))
-        if said != "spike" or not unit or label_key(unit) == label_key(name):
-            times[said].append(seconds)
+        if not of_a_unit:
+            of_file[said].append(seconds)
+        elif not unit or label_key(unit) == label_key(name):
+            of_unit[said].append(seconds)
     if (unit and label_key(unit) not in units) or (not unit and len(units) > 1):
         problem = f"there is no unit {unit}" if unit else f"{len(units)} units"
         file = path.name + "#SHEET" * (path.suffix.lower() == ".xlsx")
@@ -293,10 +302,9 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
             f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
             "no_unit" if unit else "several_units",
         )
-    spikes, *others = (np.array(times[kind], dtype=float) for kind in _KINDS)
-    pulses, starts, stops = map(np.sort, others)
-    observed = _between(path, starts, stops) if len(starts) or len(stops) else None
-    pulses = np.empty(0) if stated else pulses
+    observed = both(*(_between(path, np.sort(one["start"]), np.sort(one["stop"])) for one in (of_file, of_unit)))
+    pulses = np.array([] if stated else sorted(of_file["sync"]), dtype=float)
+    spikes = np.array(of_unit["spike"], dtype=float)
     return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows))
 
 
@@ -317,7 +325,7 @@ _MOST_LISTED = 50
 
 
 def _between(path: Path, starts: Array, stops: Array) -> Array:
-    """Return the intervals (n, 2) between starts and stops; the first may have no start, and the last no stop."""
+    """Return the intervals (n, 2) between starts and stops; infinite before the first stop, after the last start."""
     open_start = not len(starts) or (len(stops) and stops[0] < starts[0])
     open_stop = not len(stops) or (len(starts) and starts[-1] > stops[-1])
     first = np.concatenate([[-np.inf], starts]) if open_start else starts

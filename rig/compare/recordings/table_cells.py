@@ -40,7 +40,7 @@ Lines = Iterator[tuple[int, list[str]]]
 MOST_TABLE_BYTES = 100_000_000
 _MOST_UNPACKED = 60_000_000
 _MOST_CELLS = 2_000_000
-_MOST_LISTED = 20
+_MOST_LISTED, _MOST_SHOWN = 20, 40
 _SEPARATORS = (",", ";", "\t")
 _SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _WORKBOOK = ".xlsx"
@@ -91,6 +91,12 @@ def table_lines(path: Path) -> Lines:
     header = [" ".join(same_name(cell).split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
+        if cells and cells[0].startswith("#"):
+            raise RecordingError(
+                f"{path}, row {number}: begins with {cells[0][:_MOST_SHOWN]!r}, as a comment does; delete the row or "
+                "the sign #",
+                "comment_row",
+            )
         yield number, _without_empty_ends(cells, len(header))
 
 
@@ -200,6 +206,8 @@ class _Workbook(NamedTuple):
     conditional: list[ConditionalFormat]
     hidden: frozenset[str]
     """Names of hidden sheets."""
+    computed: bool
+    """Whether its formulas have values: a program that writes 0 for each asks Excel to compute all on opening."""
 
     def colors_of(self, style: int) -> tuple[Color, Color]:
         return self.colors.get(style, (BLACK, WHITE))
@@ -211,8 +219,8 @@ def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if "xl/workbook.xml" not in archive.namelist():
                 raise _no_table(path, kind_of(content))
-            sheets, hidden = _sheets(archive)
-            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive), hidden)
+            sheets, hidden, computed = _sheets(archive)
+            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive), hidden, computed)
             return _one_sheet(book, sheets, sheet)
     except RecordingError:
         raise
@@ -367,22 +375,24 @@ def _area(cells: str) -> tuple[range, range]:
     return range(int(first[2] or 1), int(last[2] or _MOST_CELLS) + 1), range(_column_number(first[1]), right + 1)
 
 
-def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
-    """Return the part of each sheet by its name, and the names of those that are hidden."""
+def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str], bool]:
+    """Return the part of each sheet by its name, the names of hidden ones, and whether formulas have values."""
     targets = {
         element.get("Id", ""): element.get("Target", "")
         for element in _xml(archive, "xl/_rels/workbook.xml.rels")
         if element.tag.endswith("}Relationship")
     }
-    found, hidden = {}, set[str]()
+    found, hidden, computed = {}, set[str](), True
     for element in _xml(archive, "xl/workbook.xml"):
+        if element.tag == f"{_MAIN}calcPr":
+            computed = element.get("fullCalcOnLoad", "0") in ("0", "false")
         if element.tag == f"{_MAIN}sheet":
             key = next((value for name, value in element.attrib.items() if name.endswith("}id")), "")
             target = targets[key]
             hidden |= {element.get("name", "")} if element.get("state", "visible") != "visible" else set()
             found[element.get("name", "")] = target.lstrip("/") if target.startswith("/") else f"xl/{target}"
     tables = {name: part for name, part in found.items() if part in archive.namelist() and "worksheets/" in part}
-    return tables, frozenset(hidden)
+    return tables, frozenset(hidden), computed
 
 
 def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
@@ -497,13 +507,13 @@ def _column_number(letters: str) -> int:
 
 def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
     kind, value = cell.get("t", "n"), cell.findtext(f"{_MAIN}v") or ""
+    if cell.find(f"{_MAIN}f") is not None and not (value and book.computed):
+        return "(a formula that was not computed; open the workbook in Excel or LibreOffice, and save it)"
     if kind == "s":
         return book.texts[int(value)].strip() if value else ""
     if kind == "inlineStr":
         inside = cell.find(f"{_MAIN}is")
         return "" if inside is None else _text(inside).strip()
-    if not value and cell.find(f"{_MAIN}f") is not None:
-        return "(a formula without a stored value)"
     if kind == "b":
         return "TRUE" if value == "1" else "FALSE"
     style = int(cell.get("s", 0))

@@ -29,7 +29,8 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.deflection import read_skin_deflection
-from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.reading import Reading, read_recordings, read_srp
+from rig.compare.recordings.spikes import read_spike_times
 from rig.compare.spike_clock import clock_shift, recording_sentences
 from rig.data import Run, read_run
 from rig.data.index import listed
@@ -126,8 +127,9 @@ def pulses_at(times: Array) -> dict[str, Any]:
 
 
 def nix(
-    start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, **of_line: Any
-) -> Any:
+    start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
+    epoch: tuple[str, ...] = (), **of_line: Any,
+) -> Any:  # fmt: skip
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
         segment = neo.Segment()
@@ -136,9 +138,12 @@ def nix(
         if line_v:
             segment.analogsignals.append(
                 neo.AnalogSignal(
-                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name="ttl"
+                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name=name
                 )
             )
+        if epoch:
+            times, durations = np.array([45.0]) * pq.s, np.array([20.0]) * pq.s
+            segment.epochs.append(neo.Epoch(times, durations, labels=np.array(epoch[1:]), name=epoch[0]))
         block = neo.Block()
         block.segments.append(segment)
         with neo.NixIO(str(path), mode="ow") as file:
@@ -185,6 +190,19 @@ class Case:
     silent: str | None = None
     """Words that must not be among them."""
 
+
+def gap(begin: float, end: float) -> dict[str, Any]:
+    return {"intervals__invalid_times__start_time": [begin], "intervals__invalid_times__stop_time": [end]}
+
+
+def units_csv(unit: str, *rows: str) -> Callable[[Path], str]:
+    """A table of a unit a, or 1.0, and of a unit b after 25 s, with more rows, of which `unit` is chosen."""
+    a = "1.0" if unit == "1" else "a"
+    spikes = [f"{t},spike,{a}" for t in TIMES] + [f"{t},spike,b" for t in TIMES if t > 25]
+    return lambda folder: text("\n".join(["time_s,kind,unit", *rows, *spikes]) + "\n")(folder) + f"#{unit}"
+
+
+SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
 
 UNOBSERVED = {
     "NWB, obs_intervals end": Case(
@@ -288,6 +306,57 @@ UNOBSERVED = {
         "the amplifier was off before the last two presses",
         spikes_csv(*syncs(amplifier(RISES[:6])), spikes=amplifier(UNTIL_LOST).tolist()), rates=ALL[:3], lost=2,
     ),
+    **{
+        f"{source}, {what}": Case(
+            "what the file states holds; where it states nothing, it is known to have recorded from its first event "
+            "(10.01 s) to its last (60.06 s), and the press that has it counts", write, pulses=False, **right,
+        )
+        for what, right, sources in (
+            ("start alone", {"rates": [8, 24, 12], "lost": 3, "read_as": "from 15.0 s to 60.1 s, as its intervals"}, {
+                "CSV": spikes_csv((BEGAN_S, "start"), spikes=UNTIL_LOST),
+            }),
+            ("stop alone", {"rates": ALL[:3], "lost": 2}, {
+                "CSV": spikes_csv((LOST_S, "stop"), spikes=UNTIL_LOST),
+            }),
+            ("stop alone, late", {"rates": [8, 24, 12, 1], "lost": 1}, {
+                "CSV": spikes_csv((100.0, "stop"), spikes=SINCE_15_S),
+            }),
+            ("a gap alone", {"rates": [6, 28, 12], "lost": 3}, {
+                "NWB": nwb(units__spike_times=[t for t in UNTIL_LOST if not 25 < t < 35], **gap(25, 35)),
+                "CSV": spikes_csv((25.0, "stop"), (35.0, "start"), spikes=[t for t in UNTIL_LOST if not 25 < t < 35]),
+            }),
+            ("a gap before all events", {"rates": [8, 24, 12], "lost": 3}, {
+                "NWB": nwb(units__spike_times=[t for t in UNTIL_LOST if t > BEGAN_S], **gap(0, 2)),
+            }),
+            ("nothing", {"rates": ALL[:3], "lost": 2}, {
+                "NWB": nwb(units__spike_times=UNTIL_LOST), "CSV": spikes_csv(spikes=UNTIL_LOST),
+                "NIX": nix(stop=max(UNTIL_LOST)),
+            }),
+            ("a gap, else throughout", {"rates": [6, 28, 12, 0], "lost": 1, "columns": ("observed=throughout",)}, {
+                "NWB": nwb(units__spike_times=[t for t in UNTIL_LOST if not 25 < t < 35], **gap(25, 35)),
+                "CSV": spikes_csv((25.0, "stop"), (35.0, "start"), spikes=[t for t in UNTIL_LOST if not 25 < t < 35]),
+            }),
+        )
+        for source, write in sources.items()
+    },
+    **{
+        f"CSV, {what}": Case(why, units_csv(unit, *rows), rates=rates, lost=lost, pulses=False)
+        for what, why, unit, rates, lost, rows in (
+            ("fibers in turn, the first", "b's time is not a's", "a", ALL[:3], 2, (
+                "0,start,a", f"{LOST_S},stop,a", f"{LOST_S + 1},start,b", "100,stop,b")),
+            ("fibers in turn, the second", "a's time is not b's", "b", ALL[1:], 2, (
+                "0,start,a", "25,stop,a", "26,start,b", "100,stop,b")),
+            ("fibers at once", "each has its own time", "a", ALL, 0, (
+                "0,start,a", "0,start,b", f"{LOST_S},stop,b", "100,stop,a")),
+            ("a start of the file, a stop of a fiber", "both hold", "a", ALL[:3], 2, (
+                "0,start,", f"{LOST_S},stop,a", "100,stop,")),
+            ("a start of 1, a unit 1.0", "one number", "1", ALL, 0, ("0,start,1.0", "100,stop,1.0")),
+        )
+    },
+    "CSV, a fiber without spikes": Case(
+        "its time is stated, so it is there", units_csv("c", "0,start,c", "100,stop,c"), code="no_spikes",
+        pulses=False,
+    ),
     "nothing observed": Case(
         "no press is left", of_amplifier([0.5], **PULSES, **observed((0, 1))), code="few_positions",
         says=("8 of 8 presses are not observed",),
@@ -358,6 +427,29 @@ PRESENT = {
     "NIX, a sampled line": Case(
         "a signal called ttl may be the pulses", nix(line_v=True), code="several_channels", says=("ttl",)
     ),
+    "NIX, a line under another name": Case(
+        "a measured signal is no pulse until it is named", nix(line_v=True, name="Stim monitor"),
+        code="no_pulses_in_file",
+    ),
+    "NIX, that other name": Case("named", nix(line_v=True, name="Stim monitor"), ("sync=Stim monitor",), rates=ALL),
+    "NIX, an epoch": Case(
+        "it may mark presses that do not count", nix(line_v=True, epoch=("bad", "artifact")), ("sync=ttl",),
+        rates=ALL, read_as="The file's bad (1 interval) are not used",
+    ),
+    "NWB, trials with a column of rejections": Case(
+        "it is not used, and said", of_amplifier(
+            **PULSES, intervals__trials__start_time=amplifier(STARTS), intervals__trials__rejected=[0] * 8),
+        rates=ALL, read_as="trials (8 intervals, column rejected) are not used",
+    ),
+    "NWB, epochs with tags": Case(
+        "they are not used, and said", of_amplifier(
+            **PULSES, intervals__epochs__start_time=[45.0], intervals__epochs__tags=["artifact"]),
+        rates=ALL, read_as="epochs (1 interval, artifact) are not used",
+    ),
+    "NWB, epochs and no pulses": Case(
+        "said, whatever the clock", nwb(intervals__epochs__start_time=[45.0]), ("sync=none",), rates=ALL,
+        pulses=False, read_as="epochs (1 interval) are not used",
+    ),
     "NIX, that line": Case("named", nix(line_v=True), ("sync=ttl",), rates=ALL),
     "CSV, a column of pulses beside": Case(
         "--columns names the times, and the pulses are there", text(
@@ -415,6 +507,19 @@ UNITS = {
                                                     "1|60"), rates=ALL),
     "rate (spikes per second)": Case("1/s", table("position_mm|rate (spikes per second)", "-0.5|6", "0|24", "0.25|12",
                                                   "1|1"), rates=ALL),
+    **{
+        header: Case(why, table(f"position_mm|{header}", "-0.5|6", "0|24", "0.25|12", "1|1"), rates=ALL, read_as=said)
+        for header, why, said in (
+            ("impulses/sec", "a unit of rates alone", "impulses/sec as rate in impulses/sec"),
+            ("spikes per second", "a unit of rates alone", "spikes per second as rate in spikes per second"),
+            ("Hz", "a unit of rates alone", "Hz as rate in Hz"),
+            ("normalized rate", "in units of their own", "normalized rate as rate in normalized"),
+        )
+    },
+    "imp/min": Case("a minute has 60 s", table("position_mm|imp/min", "-0.5|360", "0|1440", "0.25|720", "1|60"),
+                    rates=ALL),
+    "a unit of rates beside rates": Case("which of the two?", table("position_mm|rate|Hz", "-0.5|6|6", "0|24|24"),
+                                         code="extra_column", says=("'Hz'",)),
     "rate (kHz)": Case("1000/s", table("position_mm|rate (kHz)", "-0.5|.006", "0|.024", "0.25|.012", "1|.001"),
                        rates=ALL),
     "sd with the rates": Case("an sd without a unit has that of the rates, so its rates are read",
@@ -515,6 +620,10 @@ NUMBERS = {
     "points with three digits, commas": Case(
         "where commas separate columns, the point is decimal",
         table("position_mm,rate", "-1,6.000", "0,24.000", "2,12.000", "3,1.000"), rates=ALL,
+    ),
+    "a decimal comma in a text among numbers": Case(
+        "both cells are named, since either may be wrong", table("position_mm;rate", "-1;5", "-0.5;12", "0;40,5"),
+        code="no_number", says=("row 3", "'-0.5'", "as '40,5', or that cell with a point"),
     ),
     "millions": Case("two separators", table("x (um);rate", "-2,000,000;6", "-800;24", "0;12"),
                      code="ambiguous_number", says=("'-2,000,000'",)),
@@ -1129,7 +1238,8 @@ WRITTEN_TWICE = {
 }
 DOUBLES = {
     f"{name}, spikes twice": Case("no neuron fires twice within 0.5 ms", write, ("sync=ttl",) * (name == "NIX"),
-                                  code="spikes_twice", says=("0.5 ms", "delete the copies", "more decimals"))
+                                  code="spikes_twice", says=(
+                                      "0.5 ms", "delete the copies", "more decimals", "anew in each trial"))
     for name, write in WRITTEN_TWICE.items()
 } | {
     f"each spike again {ms:g} ms later": Case(
@@ -1259,10 +1369,13 @@ NO_PULSES_THERE = {
 }  # fmt: skip
 
 
+COMPUTE = '<calcPr calcId="124519" fullCalcOnLoad="1"/>'
+
+
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
     ink: str = "", fill: str = "", number: int = 200, header: str = "rate", pattern: str = "",
-    dxf: str = "",
+    dxf: str = "", calculation: str = "",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
@@ -1278,6 +1391,7 @@ def styled(
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
         sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
+        parts["xl/workbook.xml"] = parts["xl/workbook.xml"].replace("</workbook>", f"{calculation}</workbook>")
         xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="FORMAT" fontId="1" fillId="1"/></cellXfs>'.replace(
             "FORMAT", str(number)
         )
@@ -1461,6 +1575,18 @@ SHOWN = {
             ("white text in empty cells", conditional(WHITE_TEXT, "C1:C9 B6:B9")),
         )
     },
+    **{
+        f"formulas {what}": Case("0 is no value of theirs", styled(value=value, kind=kind, calculation=calculation),
+                                 code="no_number", says=("a formula that was not computed", "save it"))
+        for what, value, kind, calculation in (
+            ("without values", "<f>A2</f>", "", ""),
+            ("whose values are 0 until Excel computes them", "<f>A2</f><v>0</v>", "", COMPUTE),
+            ("of one group, with 0 for each", '<f t="shared" si="0"/><v>0</v>', "", COMPUTE),
+            ("with an empty text for each", "<f>A2</f><v></v>", ' t="str"', COMPUTE),
+        )
+    },
+    "formulas with values": Case("computed", styled(value="<f>A2</f><v>{y}</v>"), rates=ALL),
+    "numbers beside such formulas": Case("no formula", styled(calculation=COMPUTE), rates=ALL),
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
@@ -1600,6 +1726,20 @@ def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -
     with raises(RecordingError, "unknown_unit", path=str(path)) as caught:
         read(path)
     assert any(word in str(caught.value) for word in ("furlong", "slug"))
+
+
+@pytest.mark.parametrize("name", [*TABLES, "rates", "spikes of units"])
+def test_a_row_that_is_commented_out_is_in_no_table(name: str, tmp_path: Path) -> None:
+    """It does not count, and as a label that begins with # it would."""
+    others = {
+        "rates": (read_srp, "repeat|position_mm|rate", "a|0|1"),
+        "spikes of units": (lambda path: read_spike_times(path, journal(tmp_path), "a"), "unit|time_s", "a|10"),
+    }
+    read, header, row = TABLES[name][:3] if name in TABLES else others[name]
+    path = Path(table(header.format(um="um", mN="mN"), row, f"#{row}")(tmp_path))
+    with raises(RecordingError, "comment_row", path=str(path)) as caught:
+        read(path)
+    assert "row 3" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", TABLES)
