@@ -33,12 +33,12 @@ from rig.engine import Engine, Pause, verbs
 from rig.engine.bench import Meanwhile
 from rig.engine.bench_memory import BenchMemory, state_folder
 from rig.engine.contact import KnownContact
-from rig.engine.dead_man import Direction
-from rig.engine.sensing import ForceZero, Sensing
+from rig.engine.jog import Direction
+from rig.engine.sensing import ForceZero
+from rig.engine.steps import StepEnd
 from rig.errors import EngineError
-from rig.manual import home_and_zero
-from rig.manual.jog import ByHand, Moved
 from rig.manual.owner_process import ManualOwner
+from rig.manual.session import ManualSession
 from rig.plan.config import Config
 from rig.session.early_ending import FinalPosition
 from rig.transport.stop_gate import StopGate
@@ -552,43 +552,35 @@ class FingerBench:
 
     # by hand
 
-    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float = 10.0) -> Moved:
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float = 10.0) -> StepEnd:
         """As `rig jog --axis --by-mm`."""
         direction = Direction(axis, 1 if by_mm > 0 else -1)
-        with self._at_hand() as (hand, _):
-            moved = hand.go(lambda: direction, speed_mm_s, abs(by_mm))
-            known = hand.measured_contact()
-        self._hears("rig jog", known.words, lifted=not known.may_touch)
-        return moved
+        with self._session() as session:
+            found = session.step(direction, abs(by_mm), speed_mm_s)
+        self._hears("rig jog", found.known.words, lifted=not found.known.may_touch)
+        return found
 
     def zero_by_hand(self) -> None:
         """As `rig zero`."""
-        with self._at_hand() as (hand, sensing):
-            home_and_zero.zero(self.config, sensing, hand)
-
-    @contextmanager
-    def _at_hand(self) -> Iterator[tuple[ByHand, Sensing]]:
-        known, sensing = self.memory.read(), home_and_zero.feel(self._sensing())
-        self.stage.connect()
-        at_hand = home_and_zero.at_hand(
-            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, known
-        )
-        with at_hand as hand:
-            yield hand, sensing
+        with self._session() as session:
+            session.zero()
 
     def home_by_hand(self) -> None:
         """As `rig home`."""
-        sensing = self._sensing()
-        sensing.zero = self.memory.read().zero
-        self.memory.moves()
         try:
-            known = home_and_zero.home(self.config, self, sensing)
+            known = ManualSession(self.config, self, self.memory.read()).home()
             self._hears("rig home", known.words, lifted=not known.may_touch)
         finally:
             self.close()
 
-    def _sensing(self) -> Sensing:
-        return Sensing(self.config, self.clock, self.force)
+    @contextmanager
+    def _session(self) -> Iterator[ManualSession]:
+        session = ManualSession(self.config, self, self.memory.read())
+        try:
+            with session.begun():
+                yield session
+        finally:
+            self.close()
 
     # what is said
 
@@ -678,24 +670,22 @@ class FingerOnBytes(FingerBench):
         with self.cable.stopping():
             yield
 
-    def hold(self, axis: Axis, sign: int, for_s: float, speed_mm_s: float) -> None:
-        """As a button of the panel that is held down for a time; then the panel shows contact, and is left."""
+    def click(self, axis: Axis, by_mm: float) -> None:
+        """As clicks on a direction of the panel, also while it moves; then the panel shows contact, and is left."""
         owner = ManualOwner(self.config, self, self.cable, io.StringIO(), self.memory.read())
-        press = {"axis": axis, "sign": sign, "speed_mm_s": speed_mm_s, "tab": "one", "press": 1}
-        until_s = self.clock.monotonic_s() + for_s
+        click = {"axis": axis, "sign": 1 if by_mm > 0 else -1, "by_mm": abs(by_mm), "tab": "one"}
+        until_s = self.clock.monotonic_s() + 0.5
 
         def act() -> None:
             now_s, shown = self.clock.monotonic_s(), owner.answers["status"]({})
             if now_s < until_s:
                 with suppress(EngineError):
-                    owner.answers["hold"]({**press, "unix_s": self.clock.unix_s()})
+                    owner.answers["step"](click)
             elif shown["busy"] is None:
                 found = shown["contact"] or contact_as_json(None)
                 self._hears("the panel", found["where_text"], lifted=found["may_touch"] is False)
                 owner.leave()
                 return
-            else:
-                owner.answers["release"](press)
             self.clock.call_at(now_s + 0.1, act)
 
         with owner.begun():

@@ -142,13 +142,17 @@ class KeptMemory:
     """Memory that keeps what it is given in lists."""
 
     def __init__(
-        self, contacts: list[KnownContact] | None = None, zeros: list[ForceZero | None] | None = None
+        self,
+        contacts: list[KnownContact] | None = None,
+        zeros: list[ForceZero | None] | None = None,
+        touched: Callable[[KnownContact], None] = lambda known: None,
     ) -> None:
-        self.contacts = [] if contacts is None else contacts
+        self.contacts, self._touched = [] if contacts is None else contacts, touched
         self.zeros = [] if zeros is None else zeros
 
     def touched(self, known: KnownContact) -> None:
         self.contacts.append(known)
+        self._touched(known)
 
     def record_zero(self, zero: ForceZero | None) -> None:
         self.zeros.append(zero)

@@ -13,20 +13,22 @@ from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
 from rig.cli.signals import at_once, interrupt_main
-from rig.clock import Clock, WallClock
-from rig.devices.base import Stage, StageError, StageStatus
+from rig.clock import WallClock
+from rig.devices.base import ForceReading, Stage, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import ContactJson, KnownContact
 from rig.engine.sensing import Sensing
-from rig.manual import home_and_zero
-from rig.manual.home_and_zero import at_hand, feel, no_force_readings
-from rig.manual.jog import ByHand, Show
+from rig.manual.session import ManualSession, no_force_readings, not_checked, take_zero
+from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting
 from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
 from rig_shared.outputs import Name, Output
+
+Show = Callable[[StageStatus, float | None], None]
+"""Display of the position and the force (gwt; None: no reading)."""
 
 
 class HomedJson(PositionJson, ContactJson):
@@ -44,13 +46,14 @@ class ZeroedJson(Output):
 def connected_stage(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
     """Yield the connected stage; any interruption stops it ahead of all queued commands."""
     clock = WallClock()
-    with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
-        try:
-            stage.connect()
-            yield stage, clock
-        except KeyboardInterrupt:
-            stage.stop()
-            raise
+    with (
+        at_once(),
+        key_interrupting(settings, interrupt_main),
+        closing(open_stage(settings, clock)) as stage,
+        _stopped_by_a_key(stage),
+    ):
+        stage.connect()
+        yield stage, clock
 
 
 def home(config: ConfigOption, without_force: WithoutForceOption = False, as_json: JsonOption = False) -> None:
@@ -65,9 +68,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
 
 def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
     with at_once(), key_interrupting(settings, interrupt_main), closing(_opened_bench(settings)) as bench:
-        sensing = Sensing(settings, bench.clock, bench.force)
-        sensing.zero = bench.memory.read().zero
-        known = home_and_zero.home(settings, bench, sensing)
+        known = ManualSession(settings, bench, bench.before).home()
         return bench.stage.status(), known
 
 
@@ -76,20 +77,15 @@ def _opened_bench(settings: Config) -> RealBench:
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except PortError as error:
-        raise home_and_zero.no_force_readings(error) if error.device == "force" else error from None
+        raise no_force_readings(error) if error.device == "force" else error from None
 
 
 def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
-    memory = BenchMemory(settings)
     with connected_stage(settings) as (stage, clock):
-        memory.moves()
-        stage.home()
-        at = stage.status()
-        memory.left(at)
-        x_mm, height_mm = at.x_mm - settings.frame.pad_centre_x_mm, at.z_mm - settings.frame.apex_z_mm
-        known = KnownContact("raised", None, round(x_mm, 6), round(height_mm, 6), clock.unix_s())
-        memory.touched(known)
-        return at, known
+        session = SessionWithoutForce(settings, stage, clock)
+        with session.begun():
+            known = session.home()
+        return stage.status(), known
 
 
 def zero(
@@ -111,24 +107,29 @@ def zero(
 
 
 def _zero(settings: Config) -> tuple[str, float]:
-    known = BenchMemory(settings).read()
     with ExitStack() as stack:
-        force = stack.enter_context(closing(open_force(settings, WallClock())))
+        stack.enter_context(key_interrupting(settings, interrupt_main))
         try:
-            stage, clock = stack.enter_context(connected_stage(settings))
+            bench = stack.enter_context(closing(open_bench(settings, WallClock(), io.StringIO(), lambda request: "")))
+        except PortError as error:
+            raise not_checked(error) if error.device == "stage" else error from error
+        session = ManualSession(settings, bench, bench.before)
+        session.sensing.connect()
+        try:
+            stack.enter_context(session.begun())
         except (StageError, TransportError) as error:
-            raise home_and_zero.not_checked(error) from error
-        sensing = Sensing(settings, clock, force)
-        sensing.connect()
-        hand = stack.enter_context(at_hand(settings, stage, clock, sensing, lambda at, force_gwt: None, known))
-        return home_and_zero.zero(settings, sensing, hand), sensing.raw().force_n
+            raise not_checked(error) from error
+        stack.enter_context(_stopped_by_a_key(bench.stage))
+        return session.zero(), session.sensing.raw().force_n
 
 
 def _zero_anyway(settings: Config) -> tuple[str, float]:
-    clock = WallClock()
+    clock, memory = WallClock(), BenchMemory(settings)
     with closing(open_force(settings, clock)) as force:
         sensing = Sensing(settings, clock, force)
-        return home_and_zero.zero(settings, sensing, None), sensing.raw().force_n
+        name, zero = take_zero(sensing, memory)
+        memory.record_zero(sensing.lasting_zero or zero)
+        return name, sensing.raw().force_n
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
@@ -169,29 +170,41 @@ def _for_people(found: Mapping[str, object]) -> Mapping[str, object]:
 
 
 @contextmanager
-def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
-    """Yield manual control on the ports of the configuration; raise BadInputError if no force sensor answers."""
-    known = BenchMemory(settings).read()
+def manual_session(
+    settings: Config, show: Show, *, without_force: bool
+) -> Iterator[ManualSession | SessionWithoutForce]:
+    """Yield a session on the ports of the configuration; raise BadInputError if no force sensor answers."""
+    if without_force:
+        err.print("without the force sensor: nothing stops the stage when it touches a finger")
+        with connected_stage(settings) as (stage, clock):
+            plain = SessionWithoutForce(settings, stage, clock)
+            with plain.begun():
+                yield plain
+        return
+
+    def shown(at: StageStatus | None, reading: ForceReading) -> None:
+        if at is not None:
+            show(at, session.force_gwt)
+
     with (
-        connected_stage(settings) as (stage, clock),
-        _sensing(settings, clock, without=without_force) as sensing,
-        at_hand(settings, stage, clock, sensing, show, known) as hand,
+        at_once(),
+        key_interrupting(settings, interrupt_main),
+        closing(_opened_bench(settings)) as bench,
+        _stopped_by_a_key(bench.stage),
     ):
-        yield hand, clock
+        session = ManualSession(settings, bench, bench.before, shown)
+        with session.begun():
+            yield session
 
 
 @contextmanager
-def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensing | None]:
-    if without:
-        err.print("without the force sensor: nothing stops the stage when it touches a finger")
-        yield None
-        return
+def _stopped_by_a_key(stage: Stage) -> Iterator[None]:
+    """Stop past every queue at Ctrl-C, a stop key or `rig stop`, also while nothing moves."""
     try:
-        sensor = open_force(settings, clock)
-    except TransportError as error:
-        raise no_force_readings(error) from None
-    with closing(sensor):
-        yield feel(Sensing(settings, clock, sensor))
+        yield
+    except KeyboardInterrupt:
+        stage.stop()
+        raise
 
 
 @contextmanager

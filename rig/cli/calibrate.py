@@ -10,7 +10,7 @@ import typer
 
 from rig.bench.checks import as_table
 from rig.bench.real import open_bench
-from rig.cli.bench import by_hand, live_line
+from rig.cli.bench import live_line, manual_session
 from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
@@ -24,7 +24,9 @@ from rig.devices.base import Axis, ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
 from rig.engine.bench_memory import BenchMemory
+from rig.engine.jog import slices
 from rig.engine.reference import Compliance, measure_compliance
+from rig.engine.steps import MOST_MM
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.protocol.check import refuse_approach, refuse_place
@@ -33,7 +35,7 @@ from rig.session.script_run import stopped_at_once
 from rig.units import GWT_N
 from rig_shared.outputs import Output, Toml
 
-_READINGS = 20
+_READINGS, _FARTHEST_MM = 20, 1000.0
 # Beyond this limit a setting or a unit is wrong, not a calibration.
 _LARGEST_CORRECTION = 0.2
 
@@ -81,13 +83,17 @@ def steps(request: StepsRequest) -> None:
     """Calibrate steps/mm: home first, clear the path, and place a caliper or a dial gauge on the carriage."""
     with one_line_errors(as_json=request.as_json):
         settings = load_config(request.config)
-        direction, far_mm = way(request.axis, request.by_mm)
-        with live_line(settings) as show, by_hand(settings, show, without_force=request.without_force) as (hand, _):
-            now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
-            end = hand.go(lambda: direction, request.speed_mm_s, far_mm)
-        if end.problem is not None:
-            raise BadInputError(f"{end.ended_by}; nothing was measured, nothing was changed", end.problem.code)
-        moved_mm = abs(getattr(end.at, f"{direction.axis}_mm") - getattr(start.at, f"{direction.axis}_mm"))
+        direction, far_mm = way(request.axis, request.by_mm, _FARTHEST_MM)
+        with (
+            live_line(settings) as show,
+            manual_session(settings, show, without_force=request.without_force) as session,
+        ):
+            now_per_mm, start = session.steps_per_mm(direction.axis), session.look()
+            for step_mm in slices(far_mm, MOST_MM):
+                if (problem := session.step(direction, step_mm, request.speed_mm_s).ended_by) is not None:
+                    raise BadInputError(f"{problem}; nothing was measured, nothing was changed", problem.code)
+            end = session.look()
+        moved_mm = abs(getattr(end, f"{request.axis}_mm") - getattr(start, f"{request.axis}_mm"))
         measured_mm = _typed_number(
             f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
         )

@@ -1,35 +1,44 @@
-"""`rig jog`: move an axis while a key is held, or by a distance."""
+"""`rig jog`: move an axis by steps, with keys or by one distance."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NotRequired, get_args
 
 import typer
 
-from rig.cli.bench import HomedJson, by_hand, live_line, print_entries
-from rig.cli.keyboard import single_keys
+from rig.cli.bench import HomedJson, Show, live_line, manual_session, print_entries
+from rig.cli.keyboard import ReadKeys, single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
 from rig.cli.request import Needs, Rule, refuse, takes
-from rig.clock import Clock
-from rig.devices.base import Axis
-from rig.engine.dead_man import Direction
-from rig.errors import BadInputError, LimitError
-from rig.manual.jog import FASTEST_MM_S, ByHand, HeldDirection, Moved
+from rig.clock import Clock, WallClock
+from rig.devices.base import Axis, ForceError, StageError
+from rig.engine.jog import Direction
+from rig.engine.steps import MOST_MM, StepEnd
+from rig.errors import BadInputError, EngineError
+from rig.manual.session import FASTEST_MM_S, SIZES_MM, SPEED_MM_S, ManualSession
+from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import load_config
 from rig.settings import SLOWEST_MM_S
 from rig_shared.outputs import Code
 
-_FARTHEST_MM = 1000.0
+Session = ManualSession | SessionWithoutForce
+
 KEYS = {
-    ord("d"): Direction("x", +1), ord("a"): Direction("x", -1),
-    ord("e"): Direction("y", +1), ord("c"): Direction("y", -1),
-    ord("w"): Direction("z", +1), ord("s"): Direction("z", -1),
+    "d": Direction("x", +1), "a": Direction("x", -1),
+    "e": Direction("y", +1), "c": Direction("y", -1),
+    "w": Direction("z", +1), "s": Direction("z", -1),
 }  # fmt: skip
-_QUIT = ord("q")
-# Held keys repeat about 30 times a second, after a pause that a tap must not outlast.
-RELEASED_S = 0.15
-_IDLE_LOOK_S, _KEY_LOOK_S = 0.02, 0.005
+_SIZE_KEYS = {str(number): mm for number, mm in enumerate(SIZES_MM, start=1)}
+_QUIT = b"q"
+QUIET_S = 0.8
+"""Time without a key after which it counts as released; a held key repeats after 0.7 s at the latest."""
+_LOOK_S = 0.02
+HELP = (
+    "d/a steps x +/−, e/c y +/−, w/s z +/−; "
+    + ", ".join(f"{key}: {mm:g}" for key, mm in _SIZE_KEYS.items())
+    + " mm, + and − the next size; h homes, z zeroes, p parks, q quits"
+)
 
 
 class JoggedJson(HomedJson):
@@ -51,11 +60,12 @@ class JogRequest:
     by_mm: Annotated[
         float | None,
         typer.Option(
-            metavar="D",
-            help="Signed distance, in mm; nonzero, up to 1000 either way. Default: move while a key is held.",
+            metavar="D", help="Signed distance, in mm; nonzero, up to 5 either way. Default: steps by keys."
         ),
     ] = None
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", help="Speed of the axis, 0.017 to 10 mm/s.")] = 1.0
+    speed_mm_s: Annotated[
+        float, typer.Option(metavar="V", help="Highest speed, 0.017 to 10 mm/s; down and sideways it is lower.")
+    ] = SPEED_MM_S
     without_force: WithoutForceOption = False
     as_json: JsonOption = False
 
@@ -67,7 +77,7 @@ class JogRequest:
 
 @takes(JogRequest)
 def command(request: JogRequest) -> None:
-    """Move an axis; it stops within the travel of 0.2 s if the key, this process or the connection is lost."""
+    """Move an axis by steps of at most 5 mm; a touch ends a step."""
     with one_line_errors(as_json=request.as_json):
         refuse(request)
         settings, speed_mm_s = load_config(request.config), request.speed_mm_s
@@ -75,105 +85,119 @@ def command(request: JogRequest) -> None:
             raise BadInputError(
                 f"--speed-mm-s {speed_mm_s:g}: must be {SLOWEST_MM_S:.2g} to {FASTEST_MM_S:g} mm/s", "outside_range"
             )
-        target = None if request.axis is None or request.by_mm is None else way(request.axis, request.by_mm)
+        axis, by_mm = request.axis, request.by_mm
+        target = None if axis is None or by_mm is None else way(axis, by_mm, MOST_MM)
         with (
             live_line(settings) as show,
-            by_hand(settings, show, without_force=request.without_force) as (hand, clock),
+            manual_session(settings, show, without_force=request.without_force) as session,
         ):
             if target is None:
-                with resting():
-                    moved = _jog_by_keys(hand, clock, speed_mm_s)
+                with resting(), single_keys() as read_keys:
+                    KeySteps(session, WallClock(), read_keys, show, speed_mm_s).run()
+                found = session.contact()
             else:
-                direction, far_mm = target
-                moved = hand.go(lambda: direction, speed_mm_s, far_mm)
-            known = hand.measured_contact()
-        at, contact = moved.at, known.as_json()
-        found: JoggedJson = {
+                found = session.step(*target, speed_mm_s)
+            at = session.look()
+        contact, problem = found.known.as_json(), found.ended_by
+        jogged: JoggedJson = {
             "state": at.state,
             "x_mm": at.x_mm,
             "y_mm": at.y_mm,
             "z_mm": at.z_mm,
             "contact": contact["contact"],
             "may_touch": contact["may_touch"],
-            "force_gwt": moved.force_gwt,
+            "force_gwt": found.force_gwt,
             "measured_unix_s": contact["measured_unix_s"],
             "where_text": contact["where_text"],
             "to_do_text": contact["to_do_text"],
-            "ended_by_text": moved.ended_by,
+            "ended_by_text": None if problem is None else str(problem),
         }
-        if moved.problem is not None:
-            found["code"] = moved.problem.code
-        print_entries(found, as_json=request.as_json)
-    if moved.ended_by is not None:
-        complain(f"stopped: {moved.ended_by}")
+        if problem is not None:
+            jogged["code"] = problem.code
+        print_entries(jogged, as_json=request.as_json)
+    if problem is not None:
+        complain(f"stopped: {problem}")
         raise typer.Exit(ExitCode.STOPPED)
 
 
-def way(axis: str, by_mm: float) -> tuple[Direction, float]:
+def way(axis: str, by_mm: float, most_mm: float) -> tuple[Direction, float]:
     """Return direction and distance (mm) from the typed text; raise BadInputError if invalid."""
     axes: tuple[Axis, ...] = get_args(Axis)
     found = next((one for one in axes if one == axis), None)
     if found is None:
         raise BadInputError(f"--axis {axis}: must be x, y or z", "unknown_choice")
-    if not 0 < abs(by_mm) <= _FARTHEST_MM:
+    if not 0 < abs(by_mm) <= most_mm:
         raise BadInputError(
-            f"--by-mm {by_mm:g}: must be a nonzero distance of at most {_FARTHEST_MM:g} mm", "outside_range"
+            f"--by-mm {by_mm:g}: must be a nonzero distance of at most {most_mm:g} mm either way", "outside_range"
         )
     return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
 
 
-def _jog_by_keys(hand: ByHand, clock: Clock, speed_mm_s: float) -> Moved:
-    """Jog until q; after a motion ends by itself, its key must be pressed again."""
-    err.print("hold d/a to move x +/−, e/c for y +/−, w/s for z +/−; press q to quit")
-    with single_keys() as read_keys:
-        held = HeldKey(clock, read_keys)
-        while not held.finished:
-            if held() is None:
-                hand.look()
-                clock.wait_s(_IDLE_LOOK_S)
-                continue
-            try:
-                ended_by = hand.go(held, speed_mm_s).ended_by
-            except LimitError as error:
-                ended_by = str(error)
-            if ended_by is not None:
-                complain(f"stopped: {ended_by}")
-                while held() is not None:
-                    clock.wait_s(_IDLE_LOOK_S)
-    return hand.look()
+class KeySteps:
+    """Steps by keys, one a key; keys typed while something moves are dropped, so that no repeat runs ahead."""
 
+    def __init__(self, session: Session, clock: Clock, read_keys: ReadKeys, show: Show, speed_mm_s: float) -> None:
+        """read_keys: returns the bytes typed since its last call, or None at the end of the input."""
+        self._session, self._clock, self._read_keys = session, clock, read_keys
+        self._show, self._speed_mm_s, self.size_mm = show, speed_mm_s, 0.1
+        self._over = False
 
-class HeldKey:
-    """Direction of the key that is held; finished at q or when the input ends.
+    def run(self) -> None:
+        """Carry out a key at a time until q or the end of the input. Raises StageError, TransportError."""
+        err.print(HELP)
+        while not self._over:
+            key = self._typed()[:1].decode(errors="replace")
+            if not key:
+                self._show(self._session.look(), self._session.force_gwt)
+                self._clock.wait_s(_LOOK_S)
+            elif not self._over:
+                self._press(key)
 
-    What was typed while nothing read the keys, since this process stood still or a slow sensor was read, may have
-    been typed long ago: only a key that is repeated now is held then.
-    """
+    def _press(self, key: str) -> None:
+        if key in _SIZE_KEYS or key in ("+", "-"):
+            self._choose(key)
+            return
+        problem = self._carried_out(key)
+        self._drop()
+        if problem is not None:
+            complain(f"stopped: {problem}")
+            self._wait_for_release()
 
-    def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
-        """Take a function that returns the bytes typed since its last call, or None at the end of the input."""
-        self._held, self._read_keys = HeldDirection(clock, RELEASED_S), read_keys
-        self._clock, self._read_s = clock, clock.monotonic_s()
-        self.finished = False
+    def _choose(self, key: str) -> None:
+        place = SIZES_MM.index(self.size_mm) + (1 if key == "+" else -1)
+        self.size_mm = _SIZE_KEYS.get(key) or SIZES_MM[min(max(place, 0), len(SIZES_MM) - 1)]
+        err.print(f"step {self.size_mm:g} mm")
 
-    def __call__(self) -> Direction | None:
-        now_s = self._clock.monotonic_s()
-        late, self._read_s = now_s - self._read_s > RELEASED_S, now_s
-        typed = self._typed()
-        if typed and late:
-            self._held.say(None)
-            while typed:
-                typed = self._typed()
-            while not (typed or self.finished) and self._clock.monotonic_s() < now_s + RELEASED_S:
-                self._clock.wait_s(_KEY_LOOK_S)
-                typed = self._typed()
-            self._read_s = self._clock.monotonic_s()
-        if typed and not self.finished:
-            self._held.say(KEYS.get(typed[-1]))
-        return None if self.finished else self._held()
+    def _carried_out(self, key: str) -> Exception | None:
+        """Carry out a key, and return what refused it or ended it early."""
+        session, found = self._session, None
+        try:
+            if key in KEYS:
+                found = session.step(KEYS[key], self.size_mm, self._speed_mm_s)
+            elif key == "h":
+                session.home()
+            elif key == "z":
+                session.zero()
+            elif key == "p":
+                found = session.park()
+        except (EngineError, ForceError, StageError, BadInputError) as error:
+            return error
+        return found.ended_by if isinstance(found, StepEnd) else None
+
+    def _wait_for_release(self) -> None:
+        """After a step that ended early, wait until no key has been typed for a while: a held key starts no other."""
+        quiet_s = self._clock.monotonic_s() + QUIET_S
+        while not self._over and self._clock.monotonic_s() < quiet_s:
+            if self._typed():
+                quiet_s = self._clock.monotonic_s() + QUIET_S
+            self._clock.wait_s(_LOOK_S)
+
+    def _drop(self) -> None:
+        while self._typed():
+            pass
 
     def _typed(self) -> bytes:
-        """Return what was typed since the last call."""
+        """Return what was typed since the last call; note q and the end of the input."""
         typed = self._read_keys()
-        self.finished = self.finished or typed is None or _QUIT in typed
+        self._over = self._over or typed is None or _QUIT in typed
         return typed or b""

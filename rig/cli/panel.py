@@ -22,8 +22,8 @@ from rig.control.stop import OwnedStage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
-from rig.manual.home_and_zero import no_force_readings
 from rig.manual.owner_process import ManualOwner
+from rig.manual.session import no_force_readings
 from rig.manual.status import ManualLog
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import StopButton

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, runtime_checkable
 
@@ -455,6 +455,14 @@ class Stage(Protocol):
         """
         return
 
+    def trust_position(self) -> None:
+        """Allow moves from the position of a stage that an earlier connection has homed.
+
+        The caller has compared it with where that connection left the stage. The default does nothing: the stage must
+        then be homed again.
+        """
+        return
+
     def active_inputs(self) -> frozenset[str]:
         """Return the names of the controller's stop inputs that are active now.
 
@@ -526,34 +534,6 @@ def arrive(looks: Looks) -> None:
     """
     for _ in looks:
         pass
-
-
-@runtime_checkable
-class DeadManStage(Protocol):
-    """Interface of a stage whose controller stops by itself when the program sends nothing."""
-
-    def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Jog in one direction while a key is held, and return at rest.
-
-        Parameters
-        ----------
-        axis : {'x', 'y', 'z'}
-            The axis.
-        sign : int
-            Direction, 1 or −1.
-        held : callable
-            Returns whether the key is held.
-        speed_mm_s : float
-            Speed (mm/s).
-
-        Raises
-        ------
-        MoveError
-            If the stage cannot make this move; nothing was sent.
-        StageError
-            If the controller reports an error, or does not answer.
-        """
-        ...
 
 
 class ForceError(RigError):

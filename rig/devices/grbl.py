@@ -214,6 +214,9 @@ class GrblStage(Stage):
             f"{self._transport.name}: the board answered ok to '$H' but did not home{where}", "did_not_home"
         )
 
+    def trust_position(self) -> None:
+        self._link.trusted = True
+
     def unlock(self) -> None:
         self._jogged = None
         self._link.recover()

@@ -89,6 +89,9 @@ class LeadshineStage(Stage):
         for drive in self._up_first():
             drive.clear_alarm()
 
+    def trust_position(self) -> None:
+        self._trusted = True
+
     def status(self) -> StageStatus:
         """Return the state and position of both drives. Raises StageError."""
         return self._status({})
@@ -144,16 +147,6 @@ class LeadshineStage(Stage):
         refuse_not_finite("by_mm", by_mm)
         self._disarm()
         drive.go_on(by_mm, speed_mm_s, keep_on)
-
-    def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Jog an axis while held() is true; the drive stops 50 ms after the last command.
-
-        Returns at rest. Raises StageError; MoveError before any byte.
-        """
-        drive = self._drive(axis)
-        drive.rpm(speed_mm_s)
-        self._disarm()
-        drive.jog(sign, held, speed_mm_s)
 
     def limit_depth(self, lowest_z_mm: float) -> None:
         """Set a volatile soft limit of the z drive at a machine height (mm), clipped to the travel.

@@ -30,7 +30,7 @@ HOMING_MODE, HOMING_SPEEDS = 0x600A, 0x600F  # high and low rpm, ramp up, ramp d
 NO_PATH, ABSOLUTE = 0x0000, 0x0001
 RUN_PR0, HOME, QUICK_STOP = 0x0010, 0x0020, 0x0040
 SOFT_LIMITS_ON = 0x0002
-CLEAR_ALARM, JOG_POSITIVE, JOG_NEGATIVE = 0x1111, 0x4001, 0x4002
+CLEAR_ALARM = 0x1111
 
 ALARMS = {
     0xE0: "over-current",
@@ -77,8 +77,6 @@ LATE_FACTOR, LATE_S = 1.5, 5.0
 STOP_S = 1.0
 # Maximum distance of the feedback from the target on arrival.
 TOLERANCE_MM = 0.0025
-# The drive stops by itself 50 ms after the last jog word.
-JOG_PERIOD_S = 0.02
 # Within this time a homing drive reports that it runs, or that it is no longer homed.
 HOMING_BEGINS_S = 1.0
 # Speed of homing and jogging that a bit error could start.
@@ -232,26 +230,6 @@ class LeadshineDrive:
         target = going_to + self._pulses(by_mm)
         self._start(target, rpm, keep_on)
         self._going_to = target
-
-    def jog(self, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Jog in one direction, sign +1 or −1, while held() is true, and return at rest.
-
-        The drive has a dead man's switch: the word is rewritten every 20 ms, and 50 ms after the last one the drive
-        stops. Raises StageError; MoveError before any byte.
-        """
-        rpm = self.rpm(speed_mm_s)
-        self.refuse_fault()
-        self._going_to = None
-        self._drop_path()
-        self._set("jog speed", self._settings.jog_rpm_register, [rpm])
-        word = JOG_POSITIVE if sign * self.pulses_per_mm > 0 else JOG_NEGATIVE
-        while held():
-            written_s = self._clock.monotonic_s()
-            self._write(CONTROL, word)
-            self._clock.wait_s(written_s + JOG_PERIOD_S - self._clock.monotonic_s())
-        for _ in self._until(lambda status: True, STOP_S, 0.0, "the end of a jog"):
-            pass
-        self._set("jog speed", self._settings.jog_rpm_register, [CREEP_RPM])
 
     def confirm_stopped(self) -> None:
         """Repeat the quick stop until the drive reports rest, and clear its path. Raises StageError."""

@@ -241,6 +241,9 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
         self._trusted = False
         return "; ".join(axis.connect() for axis in self._axes.values())
 
+    def trust_position(self) -> None:
+        self._trusted = True
+
     def status(self) -> StageStatus:
         """Return the state and position of both axes.
 

@@ -14,7 +14,7 @@ from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, EngineMemory, Heartbeat, NoMemory
 from rig.engine.contact import ContactRecord, KnownContact, judged
-from rig.engine.dead_man import UP, jog_up_from_rest
+from rig.engine.jog import lift_from_rest
 from rig.engine.limits import (
     AT_MM,
     ContactTime,
@@ -521,8 +521,7 @@ class Engine:
         stage, speed_mm_s = self.bench.stage, self.settings.habits.travel_speed_mm_s
         stage.unlock()
         if by_mm > AT_MM:
-            for _ in jog_up_from_rest(stage, self.clock, lambda: UP, speed_mm_s, by_mm, lambda at: None):
-                pass
+            lift_from_rest(stage, self.clock, by_mm, speed_mm_s)
         self.motion.set_position(stage.status())
 
     def make_safe(self) -> None:

@@ -10,8 +10,8 @@ from typing import Literal, NoReturn
 
 from rig.data.events import AlarmEvent
 from rig.devices.base import StageAlarm, StageError, StageRejected
-from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.engine import Engine
+from rig.engine.jog import DOWN, UP, Direction, jog
 from rig.engine.motion import Check, InterruptedMotionError, StrayedError
 from rig.engine.sensing import AT_REST_S, NOISE_WIDTH, NoReadingError, zero_readings_gwt
 from rig.engine.watch import Watch
@@ -304,10 +304,10 @@ def _step(engine: Engine, direction: Direction, by_mm: float = STEP_MM) -> bool:
     stage, speed_mm_s = engine.bench.stage, engine.settings.habits.approach_speed_mm_s
     ended_by: StageError | None = None
 
-    def jog() -> None:
+    def jogged() -> None:
         nonlocal ended_by
         try:
-            dead_man_jog(stage, engine.clock, lambda: direction, speed_mm_s, by_mm, lambda at: None)
+            jog(stage, engine.clock, direction, by_mm, speed_mm_s)
         except StrayedError as strayed:
             raise StageError(str(strayed), strayed.code) from strayed
         except StageAlarm as alarm:  # There was none before the step.
@@ -319,7 +319,7 @@ def _step(engine: Engine, direction: Direction, by_mm: float = STEP_MM) -> bool:
                 raise
 
     engine.sensing.moved = engine.motion.begun = True
-    engine.guarded(jog)
+    engine.guarded(jogged)
     if ended_by is not None:
         engine.record(AlarmEvent(f"a step of homing ended short: {ended_by}"))
     return ended_by is None

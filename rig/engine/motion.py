@@ -120,6 +120,10 @@ class Motion:
         self._watched(check, looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
         self.height_mm = height_mm
 
+    def watched(self, looks: Looks, halt: Callable[[], None], check: Check) -> None:
+        """Run a motion that watches its own way, at a position that is not known."""
+        self._watched(check, looks, lambda at: None, halt, None)
+
     @property
     def _machine_mm(self) -> tuple[float, float, float]:
         frame = self._settings.frame

@@ -201,7 +201,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
             )
     safe_point(engine)
     with _counted_from_here(engine):
-        _go_sideways(engine, x_mm, along_mm)
+        go_sideways(engine, x_mm, along_mm)
         _go_to_clearance(engine, engine.settings.habits.travel_speed_mm_s)
     engine.placed = True
     engine.record(MoveEvent(x_mm, along_mm, engine.height_mm))
@@ -220,8 +220,8 @@ def _counted_from_here(engine: Engine) -> Iterator[None]:
             engine.sensing.zero = None
 
 
-def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
-    """Move sideways; contact is measured before, and a touch ends the move and trips.
+def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float = math.inf) -> None:
+    """Move sideways at up to most_mm_s; contact is measured before, and a touch ends the move and trips.
 
     A late reading interrupts the move. A touch that vanishes at rest (the stage shakes) is passed by a step no
     longer than the way that the finger may be dragged. From the park height on, which no finger reaches, the stage
@@ -232,6 +232,7 @@ def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
     speed_mm_s, step_mm = limit.speed_mm_s, limit.in_contact_mm
     if engine.height_mm >= habits.park_height_mm - AT_MM:
         speed_mm_s, step_mm = habits.travel_speed_mm_s, habits.clearance_mm
+    speed_mm_s = min(speed_mm_s, most_mm_s)
     look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(settings)
     _refuse_contact_before_move(engine)
     watch = Watch(touch_ends_it=True, late_s=late_s)

@@ -6,15 +6,14 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from rig.control.stop import answer_to_a_stop
-from rig.devices.base import Stage, StageError, StageOverridden, StageRejected, StageStatus, is_held
+from rig.devices.base import ForceReading, Stage, StageError, StageStatus, is_held
 from rig.engine.bench import Bench
-from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.sensing import NoReadingError, Sensing
+from rig.engine.bench_memory import LastKnown
+from rig.engine.sensing import NoReadingError
 from rig.errors import BadInputError, LimitError
-from rig.manual import home_and_zero as at_hand
-from rig.manual.jog import ByHand
-from rig.manual.orders import HOLD_S, HoldRequest, Orders, Verb
-from rig.manual.status import ManualStatus, OverheardSensor
+from rig.manual.orders import Order, Orders, StepRequest
+from rig.manual.session import ManualSession
+from rig.manual.status import ManualStatus
 from rig.session.script_run import ENDINGS
 from rig.settings import RigSettings
 from rig.transport.stop_gate import StopGate
@@ -37,28 +36,26 @@ def manual_answers(orders: Orders, status: ManualStatus, stage: Stage, gate: Sto
         found = status.as_json(stopped=orders.stopped, since=_since(request))
         return {**found, "busy": orders.busy, "tab": orders.tab, "stopped": orders.stopped}
 
-    def hold(request: Request) -> Mapping[str, Any]:
-        orders.hold(HoldRequest.validated(request))
-        return {}
+    def ordered(order: Callable[[Request], Order]) -> Callable[[Request], Mapping[str, Any]]:
+        def taken(request: Request) -> Mapping[str, Any]:
+            orders.do(order(request))
+            return {}
 
-    def release(request: Request) -> Mapping[str, Any]:
-        orders.release(*_press(request))
-        return {}
-
-    def home(request: Request) -> Mapping[str, Any]:
-        orders.do("home")
-        return {}
-
-    def zero(request: Request) -> Mapping[str, Any]:
-        orders.do("zero anyway" if request.get("anyway") is True else "zero")
-        return {}
+        return taken
 
     def leave(request: Request) -> Mapping[str, Any]:
         orders.leave()
         return {}
 
-    return {"stop": stop, "status": report, "hold": hold, "release": release, "home": home, "zero": zero,
-            "leave": leave}  # fmt: skip
+    return {
+        "stop": stop,
+        "status": report,
+        "step": ordered(StepRequest.validated),
+        "home": ordered(lambda request: "home"),
+        "zero": ordered(lambda request: "zero anyway" if request.get("anyway") is True else "zero"),
+        "park": ordered(lambda request: "park"),
+        "leave": leave,
+    }
 
 
 def _since(request: Request) -> int | None:
@@ -68,20 +65,10 @@ def _since(request: Request) -> int | None:
     raise LimitError(f"status: since = {since!r} must be a number of readings, at least 0", "invalid_request")
 
 
-def _press(request: Request) -> tuple[str, int]:
-    tab, press = request.get("tab"), request.get("press")
-    if isinstance(tab, str) and isinstance(press, int):
-        return tab, press
-    raise LimitError(
-        f"release: tab = {tab!r} must be text and press = {press!r} a whole number, as in a hold", "invalid_request"
-    )
-
-
 LOOK_S = 0.1
 """Interval between stage statuses when idle (s); the force is read at the sensor's rate."""
 
 STOPPED = "stopped at once by the operator"
-LAPSED = f"no signal from the button for {HOLD_S:g} s; press it again"
 _GATE_S = 0.02
 
 
@@ -92,17 +79,15 @@ class ManualOwner:
         """Prepare manual control. gate: that of the stage's transports. log: receives a line per action. known: state
         of contact after the last command.
         """
-        self._settings, self._bench, self._gate, self._log = settings, bench, gate, log
-        self._clock, self._stage, self._known = bench.clock, bench.stage, known
-        sensor = OverheardSensor(
-            bench.force, lambda reading: self._status.read(reading), lambda problem: self._status.unread(problem)
+        self._gate, self._log, self._known = gate, log, known
+        self._clock, self._stage = bench.clock, bench.stage
+        self._session = ManualSession(
+            settings, bench, known, self._heard, lambda problem: self._status.unread(problem)
         )
-        self._sensing = Sensing(settings, bench.clock, sensor)
-        self._orders, self._status = Orders(bench.clock), ManualStatus(settings, bench.clock, self._sensing)
+        self._orders, self._status = Orders(), ManualStatus(settings, bench.clock, self._session.sensing)
         self.answers = manual_answers(self._orders, self._status, bench.stage, gate)
         self._read_s = self._poll_s = bench.clock.monotonic_s()  # when each is due
         self._lost = False  # whether the stage must be connected again
-        self._hand: ByHand
 
     def leave(self) -> None:
         """End run() at rest; may be called from a signal handler."""
@@ -114,16 +99,12 @@ class ManualOwner:
 
         Raises StageError, TransportError, BadInputError if a device does not answer.
         """
-        self._stage.connect()
-        at_hand.feel(self._sensing)
-        settings, known = self._settings, self._known
-        with at_hand.at_hand(settings, self._stage, self._clock, self._sensing, self._show, known) as self._hand:
-            self._status.placed, self._status.zeroed = self._hand.placed, self._sensing.zero is not None
-            self._status.contact = known.contact
-            self._show(self._stage.status(), None)
+        self._status.contact = self._known.contact
+        with self._session.begun():
+            self._show()
             yield
             if self._gate.closed:
-                self._lose()
+                self._lost = True
 
     def run(self, gone: Callable[[], bool] = lambda: False) -> None:
         """Run until leave() or until gone(). Raises StageError, TransportError if the stage is lost."""
@@ -136,57 +117,48 @@ class ManualOwner:
             raise
 
     def _turn(self) -> None:
-        """Carry out one action, or poll both devices."""
+        """Carry out one order, or poll both devices."""
         if self._gate.closed:
-            self._lose()
+            self._lost = True
+            self._show()
             if not self._gate.open():
                 self._clock.wait_s(_GATE_S)
                 return
-        to_do = self._orders.next()
-        if to_do is None:
+        order = self._orders.next()
+        if order is None:
             self._poll()
         else:
-            self._carry_out(to_do)
+            self._carry_out(order)
 
-    def _carry_out(self, to_do: HoldRequest | Verb) -> None:
+    def _carry_out(self, order: Order) -> None:
         begun_s, self._status.ended_by = self._clock.monotonic_s(), None
+        self._status.did = order if isinstance(order, str) else "step"
         try:
-            ended_by = self._jog(to_do) if isinstance(to_do, HoldRequest) else self._do(to_do)
+            ended_by = self._done(order)
         except (*ENDINGS, BadInputError) as error:
             ended_by = str(error)
-            self._doubt(error)
-        if self._gate.closed:
-            ended_by = STOPPED
-        self._status.ended_by = ended_by or (LAPSED if self._orders.lapsed(to_do) else None)
-        self._status.contact = BenchMemory(self._settings).read().contact
-        self._orders.over(to_do)
-        self._note(to_do, begun_s)
+            self._lost = self._lost or (isinstance(error, StageError | TransportError) and not self._session.homed)
+        self._status.ended_by = STOPPED if self._gate.closed else ended_by
+        self._status.contact = self._session.memory.read().contact
+        self._show()
+        self._orders.over()
+        self._note(order, begun_s)
 
-    def _jog(self, press: HoldRequest) -> str | None:
-        try:
-            self._hand.steps_per_mm(press.axis)
-        except StageError as error:
-            return str(error)  # Without this axis nothing moved, and the position is still known.
-        moved = self._hand.go(self._orders.held(press), press.speed_mm_s)
-        self._show(moved.at, moved.force_gwt)
-        return moved.ended_by
-
-    def _do(self, verb: Verb) -> str | None:
-        if verb == "home":
-            self._status.seen(None)
-            self._set_placed(placed=False)
-            known = at_hand.home(self._settings, self._bench, self._sensing)
-            self._set_placed(placed=True)
-            self._hand.may_touch = known.may_touch
+    def _done(self, order: Order) -> str | None:
+        """Carry out an order, and return what ended it early."""
+        session = self._session
+        if order == "home":
+            self._status.seen(None, homed=False)
+            session.home()
             self._orders.homed()
             self._lost = False
-            self._show(self._stage.status(), None)
-            return None
-        try:
-            at_hand.zero(self._settings, self._sensing, None if verb == "zero anyway" else self._hand)
-        finally:
-            self._set_placed(placed=self._hand.placed)
-            self._status.zeroed = BenchMemory(self._settings).read().zero is not None
+        elif order == "zero":
+            session.zero()
+        elif order == "zero anyway":
+            session.zero_anyway()
+        else:
+            found = session.step(order.direction, order.by_mm) if isinstance(order, StepRequest) else session.park()
+            return None if found.ended_by is None else str(found.ended_by)
         return None
 
     # --- polling ---
@@ -195,49 +167,37 @@ class ManualOwner:
         """Read the force, and the stage if it is due."""
         now_s = self._clock.monotonic_s()
         if now_s >= self._poll_s:
-            self._poll_s = now_s + LOOK_S
+            self._poll_s = max(self._poll_s + LOOK_S, now_s)
             self._poll_stage()
         with suppress(NoReadingError):  # The listener reports it.
-            self._sensing.now()
-        self._read_s = max(self._read_s + self._sensing.sensor.sample_period_s, self._clock.monotonic_s())
+            self._session.sensing.now()
+        period_s = self._session.sensing.sensor.sample_period_s
+        self._read_s = max(self._read_s + period_s, self._clock.monotonic_s())
         self._clock.wait_s(self._read_s - self._clock.monotonic_s())
 
     def _poll_stage(self) -> None:
         """Poll the stage. Raises TransportError if its port is gone."""
         try:
-            at = self._stage.status()
-            self._show(at, None)
-            if self._hand.placed and not at.referenced:
-                self._set_placed(placed=False)
+            at = self._session.ask_stage()
+            self._show()
             if self._lost and not is_held(at.state):
                 self._stage.connect()
                 self._lost = False
         except StageError as error:
-            self._status.unseen(str(error))
-            self._doubt(error)
+            self._lost = self._lost or not self._session.homed
+            self._status.unseen(str(error), homed=not self._lost)
         except TransportError:
             if not self._gate.closed:
                 raise
 
-    def _show(self, at: StageStatus, force_gwt: float | None) -> None:
-        self._status.seen(at)
+    def _heard(self, at: StageStatus | None, reading: ForceReading) -> None:
+        self._status.read(at, reading)
 
-    def _doubt(self, error: Exception) -> None:
-        """Discard the position after a failure, unless the driver still trusts it."""
-        trusted = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
-        if isinstance(error, StageError | TransportError) and not trusted:
-            self._lose()
+    def _show(self) -> None:
+        self._status.seen(self._session.at, homed=self._session.homed and not self._lost)
+        self._status.zeroed, self._status.tripped = self._session.sensing.absolute, self._session.tripped
 
-    def _lose(self) -> None:
-        """Forget the position; the driver must connect again."""
-        self._set_placed(placed=False)
-        self._lost = True
-
-    def _set_placed(self, *, placed: bool) -> None:
-        self._hand.set_placed(placed=placed)
-        self._status.placed = placed
-
-    def _note(self, done: HoldRequest | Verb, begun_s: float) -> None:
-        what = f"jog {done.axis}{done.sign:+d} at {done.speed_mm_s:g} mm/s" if isinstance(done, HoldRequest) else done
+    def _note(self, done: Order, begun_s: float) -> None:
+        what = f"step {done.axis} {done.sign * done.by_mm:+g} mm" if isinstance(done, StepRequest) else done
         line = {"t_s": round(self._clock.run_s(begun_s), 6), "did": what, "ended_by": self._status.ended_by}
         self._log.write(json.dumps(line) + "\n")

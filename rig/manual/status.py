@@ -5,7 +5,7 @@ import math
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import islice
@@ -14,15 +14,13 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.data.journal import ByteLog
-from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus, ZeroedByDriver
+from rig.devices.base import ForceReading, StageStatus
 from rig.engine.bench_memory import state_folder
 from rig.engine.contact import FRESH_S, KnownContact, contact_at
 from rig.engine.limits import Trips
 from rig.engine.sensing import APART_S, Sensing
-from rig.manual.jog import FASTEST_MM_S
 from rig.manual.orders import HOME_FIRST
 from rig.settings import RigSettings
-from rig.transport.wire import TransportError
 from rig.units import GWT_N
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
@@ -33,56 +31,6 @@ AT_A_TIME = 400
 """Maximum number of rows in a reply, within the message size of the socket."""
 
 Row = tuple[float | None, ...]
-
-
-class OverheardSensor:
-    """Force sensor that passes every reading, or failure, to a listener."""
-
-    def __init__(
-        self, sensor: ForceSensor, on_reading: Callable[[ForceReading], None], on_failure: Callable[[str], None]
-    ) -> None:
-        self._sensor, self._on_reading, self._on_failure = sensor, on_reading, on_failure
-
-    def connect(self) -> str:
-        """Connect. Raises ForceError, TransportError."""
-        return self._sensor.connect()
-
-    def identify(self) -> str:
-        """Return the identification. Raises ForceError, TransportError."""
-        return self._sensor.identify()
-
-    def zero(self) -> None:
-        """Zero at the present load. Raises ForceError, TransportError."""
-        self._sensor.zero()
-
-    def close(self) -> None:
-        """Close the port."""
-        self._sensor.close()
-
-    @property
-    def subtracted_n(self) -> float:
-        """Load that the driver subtracts since its last zero (N)."""
-        return self._sensor.subtracted_n if isinstance(self._sensor, ZeroedByDriver) else 0.0
-
-    @property
-    def sample_period_s(self) -> float:
-        """Time between new values (s)."""
-        return self._sensor.sample_period_s
-
-    @property
-    def resolution_gwt(self) -> float:
-        """Smallest step of the reading (gwt)."""
-        return self._sensor.resolution_gwt
-
-    def read(self) -> ForceReading:
-        """Return the latest reading. Raises ForceError, TransportError."""
-        try:
-            reading = self._sensor.read()
-        except (ForceError, TransportError) as error:
-            self._on_failure(str(error))
-            raise
-        self._on_reading(reading)
-        return reading
 
 
 class Backlog:
@@ -116,7 +64,7 @@ class Backlog:
 
 
 NOT_FELT = "nothing moves while the force sensor does not answer"
-IN_STEPS = "not homed: heights are unknown, and downward moves are single increments; home the stage"
+IN_STEPS = "not homed: heights are unknown, and a step down is made of single increments; home the stage"
 ZERO_FIRST = (
     "not zeroed: forces count from the reading before the first motion; zero the sensor while nothing touches it"
 )
@@ -134,7 +82,8 @@ class ManualStatus:
         self._read_unix_s: float | None = None
         self._read_run_s: float | None = None
         self._problems: dict[str, str | None] = {"stage": None, "force": None}
-        self.placed = self.zeroed = False
+        self._homed = self.zeroed = self.tripped = False
+        self.did: str | None = None  # the last order
         self.ended_by: str | None = None
         self.contact: KnownContact | None = None  # as recorded
         self._recent: deque[tuple[float, float]] = deque()  # times (s) and forces (gwt) of the last APART_S
@@ -142,18 +91,21 @@ class ManualStatus:
 
     # --- written by one thread ---
 
-    def seen(self, at: StageStatus | None) -> None:
-        """Record the stage's status; None if it does not report."""
+    def seen(self, at: StageStatus | None, *, homed: bool) -> None:
+        """Record the stage's status, None if it does not report, and whether heights are known."""
         with self._lock:
-            self._at, self._seen_unix_s, self._looked_s = at, self._clock.unix_s(), self._clock.monotonic_s()
+            self._at, self._homed = at, homed
+            self._seen_unix_s, self._looked_s = self._clock.unix_s(), self._clock.monotonic_s()
             self._problems["stage"] = None
 
-    def unseen(self, problem: str) -> None:
+    def unseen(self, problem: str, *, homed: bool) -> None:
         """Record a failure of the stage."""
-        self._problems["stage"] = problem
+        self._problems["stage"], self._homed = problem, homed
 
-    def read(self, reading: ForceReading) -> None:
-        """Record a raw reading."""
+    def read(self, at: StageStatus | None, reading: ForceReading) -> None:
+        """Record a raw reading, and where the stage was by its last report."""
+        if self._at is not None and at not in (None, self._at):
+            self.seen(at, homed=self._homed)
         if not math.isfinite(reading.force_n):
             self.unread(f"the force reading is {reading.force_n}, not a number")
             return
@@ -186,7 +138,7 @@ class ManualStatus:
 
     def as_json(self, *, stopped: bool, since: int | None) -> dict[str, Any]:
         """Return the status; with `since`, include the readings from that number on."""
-        homed = self.placed and not stopped
+        homed = self._homed and not stopped
         with self._lock:
             x_mm, y_mm, z_mm = self._place
             found: dict[str, Any] = {
@@ -200,8 +152,9 @@ class ManualStatus:
                 found["readings"] = self._backlog.since(since)
             known = self._contact(homed=homed)
         contact = None if known is None else known.as_json()
-        return {**found, **self._limits(), "homed": homed, "zeroed": self.zeroed, "ended_by": self.ended_by,
-                "contact": contact, "next": self._next(stopped=stopped)}  # fmt: skip
+        last = {"did": self.did, "ended_by": self.ended_by}
+        return {**found, **self._limits(), **last, "homed": homed, "zeroed": self.zeroed, "contact": contact,
+                "next": self._next(stopped=stopped)}  # fmt: skip
 
     def _contact(self, *, homed: bool) -> KnownContact | None:
         """Return contact as the last readings and the last position show it, or as it was recorded."""
@@ -225,7 +178,7 @@ class ManualStatus:
     @property
     def _height_mm(self) -> float | None:
         """Height above the nominal apex (mm), if known."""
-        known = self.placed and self._at is not None
+        known = self._homed and self._at is not None
         return round(self._at.z_mm - self._settings.frame.apex_z_mm, 6) if self._at and known else None
 
     def _limits(self) -> Mapping[str, float]:
@@ -233,7 +186,6 @@ class ManualStatus:
             "trip_gwt": Trips(self._settings.limits, None).lowest_gwt,
             "touch_gwt": self._sensing.touch_gwt,
             "clearance_mm": self._settings.habits.clearance_mm,
-            "fastest_mm_s": FASTEST_MM_S,
         }
 
     def _next(self, *, stopped: bool) -> str | None:
@@ -242,7 +194,9 @@ class ManualStatus:
             return HOME_FIRST
         if self._problems["force"] is not None:
             return NOT_FELT
-        if not self.placed:
+        if self.tripped:
+            return HOME_FIRST
+        if not self._homed:
             return IN_STEPS
         return None if self.zeroed else ZERO_FIRST
 

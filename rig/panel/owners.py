@@ -240,7 +240,6 @@ class Tabs:
         self.holder: str | None = None
         self._open: Counter[str] = Counter()
         self._active_s = 0.0
-        self._released = 0
 
     def opened(self, tab: str) -> None:
         """Register a tab."""
@@ -256,8 +255,6 @@ class Tabs:
 
     def take(self, tab: str, now_s: float) -> None:
         """Give a tab control."""
-        if tab != self.holder:
-            self._released = 0
         self.holder, self._active_s = tab, now_s
 
     def may(self, tab: str, now_s: float) -> bool:
@@ -272,11 +269,3 @@ class Tabs:
         """Release the control of a tab that was closed."""
         if self.holder is not None and self.holder not in self._open and now_s - self._active_s > GONE_S:
             self.holder = None
-
-    def release(self, press: int) -> None:
-        """Record the release of a button, which cancels all earlier presses."""
-        self._released = max(self._released, press)
-
-    def is_released(self, press: int) -> bool:
-        """Return whether the button was released."""
-        return press <= self._released

@@ -17,6 +17,7 @@ from rig.control.client import ControlError, RefusedError
 from rig.control.stop import BESIDE_S, SentStop, send_stop
 from rig.devices.registry import stage_ports
 from rig.errors import RigError
+from rig.manual.session import SIZES_MM
 from rig.panel.access import TAB_HEADER
 from rig.panel.owners import (
     ManualProcess,
@@ -87,27 +88,26 @@ def _not_understood(code: str, key: str, expected: str) -> RequestError:
     return RequestError(f"{key}: must be {expected}", code)
 
 
-class HeldButton(NamedTuple):
-    """Signal of a held button: axis, sign, speed, number of the press, and time by the page."""
+class StepButton(NamedTuple):
+    """Click of a direction: axis, sign, size of the step, and time by the page."""
 
     axis: Literal["x", "y", "z"]
     sign: Literal[-1, 1]
-    speed_mm_s: float
-    press: int
+    by_mm: float
     unix_s: float
 
     @classmethod
-    def of(cls, body: Mapping[str, Any]) -> "HeldButton":
+    def of(cls, body: Mapping[str, Any]) -> "StepButton":
         """Validate a request. Raises RequestError."""
         axis, sign = body.get("axis"), body.get("sign")
         if axis not in _AXES:
             raise _not_understood("unknown_choice", "axis", "x, y or z")
         if type(sign) is not int or sign not in _SIGNS:
             raise _not_understood("unknown_choice", "sign", "1 or -1")
-        speed_mm_s = number("speed_mm_s", body)
-        if speed_mm_s <= 0:
-            raise _not_understood("not_positive", "speed_mm_s", "more than 0")
-        return cls(axis, sign, speed_mm_s, whole("press", body), number("unix_s", body))  # type: ignore[arg-type]
+        by_mm = number("by_mm", body)
+        if by_mm not in SIZES_MM:
+            raise _not_understood("unknown_choice", "by_mm", f"one of {', '.join(f'{mm:g}' for mm in SIZES_MM)}")
+        return cls(axis, sign, by_mm, number("unix_s", body))  # type: ignore[arg-type]
 
 
 def number(name: str, body: Mapping[str, Any]) -> float:
@@ -116,14 +116,6 @@ def number(name: str, body: Mapping[str, Any]) -> float:
     if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
         raise _not_understood("not_a_number", name, "a number")
     return float(found)
-
-
-def whole(name: str, body: Mapping[str, Any]) -> int:
-    """Return a whole number from 0. Raises RequestError."""
-    found = body.get(name)
-    if type(found) is not int or not 0 <= found <= _LARGEST_WHOLE:
-        raise _not_understood("not_whole", name, "a whole number")
-    return found
 
 
 def whole_of_text(name: str, texts: Sequence[str]) -> int:
@@ -177,12 +169,10 @@ class BoundedPool:
 Body = Mapping[str, Any]
 PostAnswer = Mapping[str, Any]
 
-HELD_S = 0.25
-"""Age from which a press of a button no longer counts (s)."""
-_ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
+FRESH_S = 0.5
+"""Age from which a click no longer counts (s)."""
+_ANSWER_S, _STOP_S = 1.0, 0.25
 _THREADS, _MOST_STOPS = 4, 16
-_MOST_HELD = 3
-"""Number of pending hold requests from which an owner is too slow for manual control."""
 _NOT_YET = "stop sent, no answer yet: use the emergency stop"
 _NOT_YET_CODE = "not_answered_yet"
 
@@ -198,9 +188,6 @@ class Posts:
     ) -> None:
         self._watcher, self._bench, self._room_for_stop = watcher, bench, room_for_stop
         self._asking = BoundedPool(_THREADS, "post", "the previous request is still pending; wait for its answer")
-        self._holding = BoundedPool(
-            _MOST_HELD, "hold", "the owner of the ports has not answered yet; wait, or use the emergency stop"
-        )
         self._stopping = BoundedPool(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
         self._each = ThreadPoolExecutor(64, "stopped")
 
@@ -214,8 +201,8 @@ class Posts:
             "leave": self._leave,
             "home": self._by_hand("home"),
             "zero": self._zero,
-            "hold": self._hold,
-            "release": self._release,
+            "park": self._by_hand("park"),
+            "step": self._step,
         }
         routes = [Route(f"/{name}", self._guarded(do), methods=["POST"]) for name, do in with_controls.items()]
         free = {"stop": self._stop, "take": self._take}
@@ -294,18 +281,18 @@ class Posts:
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
         async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._reply_of(self._asking, "run", do, _ANSWER_S)
+            return await self._reply_of("run", do)
 
         return done
 
     def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
         async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._reply_of(self._asking, "by hand", do, _ANSWER_S)
+            return await self._reply_of("by hand", do)
 
         return done
 
     async def _zero(self, tab: str, body: Body) -> PostAnswer:
-        return await self._reply_of(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
+        return await self._reply_of("by hand", "zero", anyway=flag("anyway", body))
 
     async def _take_the_bench(self, tab: str, body: Body) -> PostAnswer:
         self._refuse_a_busy_bench()
@@ -313,7 +300,7 @@ class Posts:
         return {}
 
     async def _leave(self, tab: str, body: Body) -> PostAnswer:
-        answer = await self._reply_of(self._asking, "by hand", "leave", _ANSWER_S)
+        answer = await self._reply_of("by hand", "leave")
         await self._bench.ended()
         return answer
 
@@ -325,30 +312,19 @@ class Posts:
             if owner.kind == "run" and ports & set(owner.ports):
                 raise NoOwnerError(f"a run owns the ports (process {owner.pid}); end it first", "ports_taken")
 
-    async def _hold(self, tab: str, body: Body) -> PostAnswer:
-        """Forward the signal at once and only while it is fresh, so that no delayed signal moves the stage."""
-        button = HeldButton.of(body)
-        if self._watcher.tabs.is_released(button.press):
-            raise NoOwnerError("the button was released; press it again", "let_go")
-        if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
+    async def _step(self, tab: str, body: Body) -> PostAnswer:
+        """Pass a click on while it is fresh, so that no delayed request moves the stage."""
+        button = StepButton.of(body)
+        if abs(self._watcher.clock.unix_s() - button.unix_s) > FRESH_S:
             raise NoOwnerError(
-                f"the press is older than {HELD_S:g} s, or from another clock; press the button again", "too_old"
+                f"the click is older than {FRESH_S:g} s, or from another clock; click again", "too_old"
             )
-        answer = self._reply_of(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
-        try:
-            return await answer
-        except (ControlError, NoOwnerError):
-            self._watcher.tabs.release(button.press)
-            raise
+        what = {"axis": button.axis, "sign": button.sign, "by_mm": button.by_mm}
+        return await self._reply_of("by hand", "step", tab=tab, **what)
 
-    async def _release(self, tab: str, body: Body) -> PostAnswer:
-        press = whole("press", body)
-        self._watcher.tabs.release(press)
-        return await self._reply_of(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
-
-    def _reply_of(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
+    def _reply_of(self, kind: str, do: str, **more: Any) -> Awaitable[PostAnswer]:
         """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
-        return few.begin(partial(ask_owner, self._watcher.owner, kind, do, within_s, **more))
+        return self._asking.begin(partial(ask_owner, self._watcher.owner, kind, do, _ANSWER_S, **more))
 
 
 def _sent_without_owner(

@@ -135,11 +135,6 @@ def _jogged(bench: DriveBench, axis: Axis, by_mm: float) -> None:
     bench.stage.end_jog()
 
 
-def _held(bench: DriveBench, axis: Axis, sign: int) -> None:
-    until_s = bench.clock.monotonic_s() + 0.3
-    bench.stage.jog_while(axis, sign, lambda: bench.clock.monotonic_s() < until_s, 1.0)
-
-
 def _halted(bench: DriveBench) -> None:
     """A press that is given up on its way, and the lift after it."""
     looks = bench.stage.moving(z_mm=Z_MM - 0.5, speed_mm_s=1.0)
@@ -174,8 +169,6 @@ MOTIONS = {
     ),
     "jog down": WatchedMotion(lambda b: _jogged(b, "z", -0.1), z_mm=(-0.1, 0.0), ends_mm=(0.0, -0.1)),
     "jog up": WatchedMotion(lambda b: _jogged(b, "z", 0.1), z_mm=(0.0, 0.1), ends_mm=(0.0, 0.1)),
-    "held up": WatchedMotion(lambda b: _held(b, "z", 1), z_mm=(0.0, 0.4), ends_mm=None),
-    "held down": WatchedMotion(lambda b: _held(b, "z", -1), z_mm=(-0.4, 0.0), ends_mm=None),
     "limit": WatchedMotion(lambda b: b.stage.limit_depth(Z_MM - 1.0)),
     "halt and lift": WatchedMotion(lambda b: _halted(b), z_mm=(-0.5, 5.0), ends_mm=(0.0, 2.0)),
 }

@@ -14,11 +14,9 @@ import numpy as np
 
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError, TripError, indent, verbs
-from rig.engine.dead_man import Direction
-from rig.engine.sensing import Sensing
+from rig.engine.jog import DOWN
+from rig.engine.steps import Steps
 from rig.errors import RigError
-from rig.manual.guard import Guard
-from rig.manual.jog import ByHand
 from rig.plan.config import Config
 from rig.transport import TransportError
 from rig.units import GWT_N
@@ -176,14 +174,13 @@ def _home(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
 
 
 def _jog(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
-    """Down to the finger with a held key, and again and again after the sensor has failed."""
-    stage, clock = bench.stage, bench.clock
+    """Down to the finger by steps, and on and on after the sensor has failed."""
     verbs.move_to(bench.engine, 0.0)
-    sensing = Sensing(bench.config, clock, bench.force)
-    sensing.zero = bench.engine.sensing.zero
-    guard = Guard(bench.config, sensing)
-    hand = ByHand(bench.config, stage, clock, guard, lambda at, force_gwt: None, placed=True)
-    hand.go(lambda: Direction("z", -1), 2.0)
+    steps = Steps(bench.engine)
+    while steps.make(DOWN, 0.5, 2.0).ended_by is None:
+        pass
     strike()
-    reasons = [hand.go(lambda: Direction("z", -1), 2.0).ended_by for _ in range(5)]
-    raise StageError(f"{reasons[-1]}")
+    problem = None
+    while problem is None:
+        problem = steps.make(DOWN, 0.05, 2.0).ended_by  # or too deep, and then refused
+    raise StageError(f"{problem}", problem.code)

@@ -79,6 +79,7 @@ def by_hand(**other: Any) -> dict[str, Any]:
         "zeroed": True,
         "trip_gwt": 203.9,
         "busy": None,
+        "did": None,
         "ended_by": None,
         "stopped": False,
         "next": None,

@@ -28,15 +28,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Benches]:
         yield benches
 
 
-def _held(page: Any, key: str) -> bool:
-    """A page, or a bench, that a busy machine held up has let go: the key is pressed anew."""
-    if page.locator("#jog .held").count() == 0:
-        page.keyboard.up(key)
-        page.keyboard.down(key)
-    return True
-
-
-def test_the_stage_by_hand_is_jogged_as_long_as_a_key_is_held(bench: Benches, opened: Opened, tmp_path: Path) -> None:
+def test_the_stage_by_hand_makes_a_step_for_each_key(bench: Benches, opened: Opened, tmp_path: Path) -> None:
     with panel(tmp_path, "--config", str(bench.config)) as (_, url):
         page = opened(url)
         page.locator("[data-post=by_hand]").click()
@@ -46,24 +38,17 @@ def test_the_stage_by_hand_is_jogged_as_long_as_a_key_is_held(bench: Benches, op
         status = until(
             lambda: next((one for one in [hand.ask("status")] if one["homed"] and one["x_mm"] is not None), None)
         )
-        began_mm = status["x_mm"]
-        page.locator("#jog [data-key=d]:enabled").wait_for()
-        page.keyboard.down("d")
-        until(lambda: _held(page, "d") and hand.ask("status")["x_mm"] > began_mm + 0.5)
-        page.keyboard.up("d")
-        until(lambda: hand.ask("status")["busy"] is None)
-        at_mm = hand.ask("status")["x_mm"]
-        page.keyboard.down("a")
-        until(lambda: _held(page, "a") and hand.ask("status")["x_mm"] < at_mm - 0.2)
-        page.close()  # the hand is on a page that is no more
-        until(lambda: hand.ask("status")["busy"] is None)
-        at_mm = hand.ask("status")["x_mm"]
-        assert hand.ask("status")["x_mm"] == at_mm
+        page.locator("[data-post=zero]:enabled").first.click()
+        until(lambda: hand.ask("status")["zeroed"] and hand.ask("status")["busy"] is None)
+        page.locator("#directions [data-key=a]:enabled").wait_for()
+        page.keyboard.press("5")
+        page.keyboard.press("a")
+        until(lambda: hand.ask("status")["busy"] is None and hand.ask("status")["x_mm"] < status["x_mm"] - 0.9)
+        page.close()
+        assert hand.ask("status")["x_mm"] > status["x_mm"] - 1.1
 
 
-def test_a_server_that_hangs_makes_old_what_is_shown_and_ends_a_jog(
-    bench: Benches, opened: Opened, tmp_path: Path
-) -> None:
+def test_a_server_that_hangs_makes_old_what_is_shown(bench: Benches, opened: Opened, tmp_path: Path) -> None:
     with panel(tmp_path, "--config", str(bench.config)) as (number, url):
         page = opened(url)
         page.locator("[data-post=by_hand]").click()
@@ -71,12 +56,8 @@ def test_a_server_that_hangs_makes_old_what_is_shown_and_ends_a_jog(
         page.locator("[data-post=home]:enabled").click()
         until(lambda: hand.ask("status")["homed"])
         expect(page.locator("#read_at")).to_have_attribute(*coded("live"))
-        page.locator("#jog [data-key=d]:enabled").wait_for()
-        page.keyboard.down("d")
-        until(lambda: _held(page, "d") and hand.ask("status")["busy"] == "jog")
         os.kill(number, signal.SIGSTOP)
         try:
-            until(lambda: hand.ask("status")["busy"] is None)
             expect(page.locator("#read_at")).to_have_attribute(*coded("old"))
             expect(page.locator("#no_server")).to_be_visible()
             expect(page.locator("#no_server")).to_have_attribute(*coded("lost"))

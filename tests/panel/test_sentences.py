@@ -72,8 +72,6 @@ def test_the_page_says_what_stands_in_the_file(bench: Callable[..., StandIn], op
     page = opened(one.address.partition("#")[0])
     page.locator("#what[data-code=no_token]").wait_for()
     lines |= _said(page)
-    told = page.evaluate("import('/static/held.js').then((module) => module.WORDS)")
-    lines |= {f"jog_words {code}: {words}" for code, words in told.items()}
     found = "".join(f"{line}\n" for line in sorted(lines))
     if os.environ.get("GOLDEN") == "write":
         GOLDEN.write_text(found, encoding="utf-8")

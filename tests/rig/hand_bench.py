@@ -1,4 +1,4 @@
-"""The process at the bench without its process: its one thread on a virtual clock, and a person who asks of it.
+"""Manual control on a virtual clock: its session, and its process without the process and a person who asks of it.
 
 Devices virtual, bytes real; the finger is a spring. The person is a generator that says how long until the next deed.
 """
@@ -6,15 +6,19 @@ Devices virtual, bytes real; the finger is a spring. The person is a generator t
 import io
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from rig.bench.virtual import bench_around
+from rig.devices.base import ForceReading, StageStatus
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
+from rig.engine.jog import Direction, slices
 from rig.engine.sensing import ForceZero
+from rig.engine.steps import MOST_MM, StepEnd
 from rig.errors import EngineError
 from rig.manual.owner_process import ManualOwner
+from rig.manual.session import ManualSession
 from rig.plan.config import Config
 from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N
@@ -77,20 +81,24 @@ class Spring:
         return (self.true_gwt(t_s) + self.offset_gwt) * GWT_N
 
 
-class HandBench:
-    """A homed stage so far above a spring, left there by the last command, which may have zeroed and lifted, too."""
+class BenchOverSpring:
+    """A homed stage so far above a spring, left there by the last command, which may have zeroed and lifted, too.
+
+    The true force is sampled every few milliseconds.
+    """
 
     def __init__(
         self,
         kind: str,
         *,
         k_gwt: float = 6.0,
+        skin_mm: float = 0.0,
         above_mm: float = 3.0,
         known: bool = True,
         zero: ForceZero | None = None,
         lifted: bool = False,
         sample_period_s: float = 0.05,
-        spring: type["Spring"] | None = None,
+        spring: type[Spring] | None = None,
         **limits: Any,
     ) -> None:
         force = {**STAGES[kind].get("force", {}), "sample_period_s": sample_period_s}
@@ -99,14 +107,16 @@ class HandBench:
         springs: list[Spring] = []
 
         def make(carriage: Carriage) -> Spring:
-            springs.append((spring or Spring)(carriage, k_gwt))
+            springs.append((spring or Spring)(carriage, k_gwt, skin_mm))
             return springs[0]
 
         self.bench = bench_around(make, self.config, self.clock, self.wire, gate=self.gate)
-        self.spring, self.memory = springs[0], BenchMemory(self.config)
+        self.spring, self.memory, self.worst_gwt = springs[0], BenchMemory(self.config), 0.0
         self.bench.stage.connect()
         self.bench.stage.home()
         self.bench.stage.move_to(x_mm=self.config.frame.pad_centre_x_mm, speed_mm_s=10)
+        if kind == "grbl":
+            self.bench.stage.move_to(y_mm=self.config.frame.pad_y_mm, speed_mm_s=10)
         self.bench.stage.move_to(z_mm=APEX_MM + above_mm, speed_mm_s=10)
         if known:
             self.memory.left(self.bench.stage.status())
@@ -114,81 +124,17 @@ class HandBench:
             self.memory.record_zero(zero)
         if lifted:
             self.memory.touched(KnownContact("lifted", 0.0, 0.0, above_mm))
-        self.owner = ManualOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
-        self.presses, self.worst_gwt = 0, 0.0
-        self.refused: list[str] = []
 
-    def __call__(self, do: str, **more: Any) -> dict[str, Any]:
-        """Asked as over the socket. Raises what is a refusal there."""
-        answer = self.owner.answers[do](json.loads(json.dumps({"do": do, **more})))
-        return dict(json.loads(json.dumps(dict(answer), allow_nan=False)))
+    def sample(self) -> None:
+        """Sample the true force from now on."""
+        now_s = self.clock.monotonic_s()
+        self.worst_gwt = max(self.worst_gwt, self.spring.true_gwt(now_s))
+        self.clock.call_at(now_s + self.spring.next_look_s(now_s), self.sample)
 
-    def run(self, person: Person) -> dict[str, Any]:
-        """Until the person has nothing more to do and leaves; how it was then."""
-        end: list[dict[str, Any]] = []
-
-        def act() -> None:
-            wait_s = next(person, None)
-            if wait_s is None:
-                end.append(self("status"))
-                self("leave")
-            else:
-                self.clock.call_at(self.clock.monotonic_s() + wait_s, act)
-
-        def sample() -> None:
-            now_s = self.clock.monotonic_s()
-            self.worst_gwt = max(self.worst_gwt, self.spring.true_gwt(now_s))
-            if not end:
-                self.clock.call_at(now_s + self.spring.next_look_s(now_s), sample)
-
-        with self.owner.begun():
-            act()
-            sample()
-            self.owner.run()
-        return end[0]
-
-    # what a person does
-
-    def hold(self, axis: str, sign: int, for_s: float = 1.0, speed_mm_s: float = 2.0, tab: str = "one") -> Person:
-        """A button held down and let go, or until it is refused; then until nothing is done any more."""
-        self.presses += 1
-        press = {"axis": axis, "sign": sign, "speed_mm_s": speed_mm_s, "tab": tab, "press": self.presses}
-        until_s = self.clock.monotonic_s() + for_s
-        while self.clock.monotonic_s() < until_s:
-            try:
-                self("hold", **press, unix_s=self.clock.unix_s())
-            except EngineError as error:
-                self.refused.append(str(error))
-                break
-            yield 0.1
-        self("release", tab=tab, press=self.presses)
-        yield from self.done()
-
-    def refusal(self, do: str, **more: Any) -> str:
-        """What is said of what is refused; a hold is one of a new press."""
-        if do == "hold":
-            press = {"axis": "x", "sign": -1, "speed_mm_s": 2.0, "tab": "one", "press": 99}
-            more = {**press, "unix_s": self.clock.unix_s(), **more}
-        try:
-            return f"taken: {self(do, **more)}"
-        except EngineError as error:
-            return str(error)
-
-    def do(self, do: str, **more: Any) -> Person:
-        """Asked for, and over."""
-        try:
-            self(do, **more)
-        except EngineError as error:
-            self.refused.append(str(error))
-        yield from self.done()
-
-    def done(self) -> Person:
-        """Until nothing is done any more."""
-        yield 0.02
-        while self("status")["busy"] is not None:
-            yield 0.02
-
-    # what is seen from outside
+    @property
+    def force_gwt(self) -> float:
+        """The true force now."""
+        return self.spring.true_gwt(self.clock.monotonic_s())
 
     @property
     def height_mm(self) -> float:
@@ -212,6 +158,98 @@ class HandBench:
         return [t_s for t_s, data in self.sent() if is_move(self.kind, data)]
 
 
+class SessionBench(BenchOverSpring):
+    """A session of manual control, one order after another."""
+
+    def __init__(self, kind: str, **options: Any) -> None:
+        super().__init__(kind, **options)
+        self.shown: list[tuple[StageStatus | None, ForceReading]] = []
+        self.session = ManualSession(self.config, self.bench, self.memory.read(), self._show)
+        self.begun = self.session.begun()
+        self.begun.__enter__()
+        self.sample()
+
+    def _show(self, at: StageStatus | None, reading: ForceReading) -> None:
+        self.shown.append((at, reading))
+
+    def step(self, axis: Any, by_mm: float, speed_mm_s: float = 2.0) -> StepEnd:
+        return self.session.step(Direction(axis, 1 if by_mm > 0 else -1), abs(by_mm), speed_mm_s)
+
+    def steps(self, axis: Any, by_mm: float, speed_mm_s: float = 2.0) -> StepEnd:
+        """Step so far, until a step ends early."""
+        for part_mm in slices(abs(by_mm), MOST_MM):
+            found = self.step(axis, math.copysign(part_mm, by_mm), speed_mm_s)
+            if found.ended_by is not None:
+                break
+        return found
+
+
+def code_of_end(found: StepEnd) -> str | None:
+    """The code of what ended a step early."""
+    return None if found.ended_by is None else found.ended_by.code
+
+
+class HandBench(BenchOverSpring):
+    """The process at the bench without its process, and a person who asks of it."""
+
+    def __init__(self, kind: str, **options: Any) -> None:
+        super().__init__(kind, **options)
+        self.owner = ManualOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
+        self.refused: list[str] = []
+
+    def __call__(self, do: str, **more: Any) -> dict[str, Any]:
+        """Asked as over the socket. Raises what is a refusal there."""
+        answer = self.owner.answers[do](json.loads(json.dumps({"do": do, **more})))
+        return dict(json.loads(json.dumps(dict(answer), allow_nan=False)))
+
+    def run(self, person: Person) -> dict[str, Any]:
+        """Until the person has nothing more to do and leaves; how it was then."""
+        end: list[dict[str, Any]] = []
+
+        def act() -> None:
+            wait_s = next(person, None)
+            if wait_s is None:
+                end.append(self("status"))
+                self("leave")
+            else:
+                self.clock.call_at(self.clock.monotonic_s() + wait_s, act)
+
+        with self.owner.begun():
+            act()
+            self.sample()
+            self.owner.run()
+        return end[0]
+
+    # what a person does
+
+    def step(self, axis: str, by_mm: float, tab: str = "one") -> Person:
+        """A step asked for, or refused, and over."""
+        yield from self.do("step", axis=axis, sign=1 if by_mm > 0 else -1, by_mm=abs(by_mm), tab=tab)
+
+    def refusal(self, do: str, **more: Any) -> str:
+        """What is said of what is refused."""
+        if do == "step":
+            more = {"axis": "x", "sign": -1, "by_mm": 1.0, "tab": "one", **more}
+        try:
+            return f"taken: {self(do, **more)}"
+        except EngineError as error:
+            return str(error)
+
+    def do(self, do: str, **more: Any) -> Person:
+        """Asked for, and over."""
+        try:
+            self(do, **more)
+        except EngineError as error:
+            self.refused.append(str(error))
+        yield from self.done()
+
+    def done(self) -> Person:
+        """Until nothing is done any more."""
+        yield 0.02
+        while self("status")["busy"] is not None:
+            yield 0.02
+
+
 def is_move(kind: str, data: bytes) -> bool:
     """A jog, a homing or a move; of a drive: the trigger of a path or of homing, or its own jog."""
     if kind == "grbl":
@@ -220,6 +258,3 @@ def is_move(kind: str, data: bytes) -> bool:
         bytes.fromhex("06 60 02 00 10"), bytes.fromhex("06 60 02 00 20"),
         bytes.fromhex("06 18 01 40 01"), bytes.fromhex("06 18 01 40 02"),
     )  # fmt: skip
-
-
-Promise = Callable[[HandBench], None]

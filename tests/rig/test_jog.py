@@ -1,20 +1,24 @@
-"""The dead man's switch on the virtual clock: how much the stage has been told to go at any instant."""
+"""Jogs by a distance from rest, and the keys of `rig jog`."""
 
-import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rig.cli.jog import RELEASED_S, HeldKey, way
-from rig.devices.base import StageRejected, StageStatus
+from rig.cli.jog import QUIET_S, KeySteps, way
+from rig.devices.base import StageError, StageHeld, StageRejected, StageStatus
 from rig.devices.grbl import GrblStage
-from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
-from rig.errors import BadInputError
+from rig.engine.contact import KnownContact
+from rig.engine.jog import DOWN, UP, Direction, jog, lift_from_rest
+from rig.engine.motion import StrayedError
+from rig.engine.steps import MOST_MM, StepEnd
+from rig.errors import BadInputError, LimitError
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
+from tests.stub_bench import StubStage
 
 LEFT = Direction("x", -1)
 
@@ -22,183 +26,213 @@ LEFT = Direction("x", -1)
 class Bench:
     """An unlocked board at its zero, with a driver."""
 
-    def __init__(self, **settings: float) -> None:
+    def __init__(self) -> None:
         self.clock = VirtualClock()
         line = SerialLine(self.clock, 115200)
-        self.board = VirtualGrbl(self.clock, line, settings={int(k[1:]): v for k, v in settings.items()})
+        self.board = VirtualGrbl(self.clock, line)
         self.wire = LoopbackTransport(line, self.clock)
         self.stage = GrblStage(self.wire, self.clock)
         self.stage.connect()
         self.stage.unlock()
         self.zero = self.board.carriage_steps_at(self.clock.monotonic_s())[0]
-        self.farthest_ahead_mm = 0.0
 
     def x_mm(self, t_s: float | None = None) -> float:
         """Where the carriage is, or will be by t_s if nobody says anything more."""
         t_s = self.clock.monotonic_s() if t_s is None else t_s
         return (self.board.carriage_steps_at(t_s)[0] - self.zero) / 400
 
-    def look(self) -> None:
-        self.farthest_ahead_mm = max(self.farthest_ahead_mm, abs(self.x_mm(1e9) - self.x_mm()))
-
-    def held_until(self, t_s: float) -> Callable[[], Direction | None]:
-        def held() -> Direction | None:
-            self.look()
-            return LEFT if self.clock.monotonic_s() < t_s else None
-
-        return held
-
-
-@pytest.mark.parametrize("speed_mm_s", [0.1, 1.0, 5.0, 10.0])
-@pytest.mark.parametrize("settings", [{}, {"_120": 5.0}, {"_110": 120.0}], ids=["usual", "sluggish", "slow"])
-def test_never_more_than_two_slices_ahead(speed_mm_s: float, settings: dict[str, float]) -> None:
-    """Whatever the board can do: also where it accelerates at 5 mm/s², or goes at 2 mm/s at most."""
-    bench = Bench(**settings)
-    now = bench.clock.monotonic_s()
-    at = dead_man_jog(bench.stage, bench.clock, bench.held_until(now + 2.0), speed_mm_s)
-    assert at.state == "Idle"
-    assert bench.x_mm() < -0.1, "it went"
-    assert 0 < bench.farthest_ahead_mm <= 2 * speed_mm_s * SLICE_S + 1 / 400
-    rest_mm = bench.x_mm()
-    bench.clock.wait_s(5.0)
-    assert bench.x_mm() == rest_mm
-    assert at.x_mm == pytest.approx(rest_mm, abs=0.0006)
-
-
-def test_the_motion_is_smooth_at_the_speed_asked_for() -> None:
-    bench = Bench()
-    start_s = bench.clock.monotonic_s()
-    dead_man_jog(bench.stage, bench.clock, lambda: LEFT, 2.0, 10.0)
-    assert bench.x_mm() == -10.0
-    # 10 mm at 2 mm/s and 50 mm/s² are 5.04 s; a stage that stopped between slices would take far longer.
-    assert bench.clock.monotonic_s() - start_s < 5.04 + 0.15
-
 
 def test_a_distance_is_kept_to_a_step() -> None:
     bench = Bench()
-    at = dead_man_jog(bench.stage, bench.clock, lambda: LEFT, 3.0, 1.2345)
-    assert bench.x_mm() == pytest.approx(
-        -1.2345, abs=0.5 / 400 + 5 * 0.5e-4
-    )  # half a step, and the last digit of five slices
-    assert at.state == "Idle"
+    jog(bench.stage, bench.clock, LEFT, 1.2345, 3.0)
+    assert bench.stage.status().x_mm == pytest.approx(-1.2345, abs=0.0025)
 
 
-def test_nothing_held_is_no_motion() -> None:
+def test_an_interrupt_ends_a_jog_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
-    assert dead_man_jog(bench.stage, bench.clock, lambda: None, 1.0) == StageStatus("Idle", 0.0, 0.0, 0.0)
+    until_s, status = bench.clock.monotonic_s() + 0.5, bench.stage.status
 
-
-def test_an_interrupt_ends_the_jog_at_once() -> None:
-    bench = Bench()
-
-    def held() -> Direction:
-        if bench.x_mm() < -1.0:
+    def interrupted() -> StageStatus:
+        if bench.clock.monotonic_s() > until_s:
+            monkeypatch.setattr(bench.stage, "status", status)
             raise KeyboardInterrupt
-        return LEFT
+        return status()
 
+    monkeypatch.setattr(bench.stage, "status", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        dead_man_jog(bench.stage, bench.clock, held, 5.0)
-    rest_mm = bench.x_mm()
-    assert rest_mm > -2.0
-    bench.clock.wait_s(2.0)
-    assert bench.x_mm() == rest_mm
-    assert bench.stage.status().state == "Idle"
+        jog(bench.stage, bench.clock, LEFT, 5.0, 5.0)
+    assert bench.x_mm() == bench.x_mm(1e9), "at rest"
+    assert -3.5 < bench.x_mm() < -1.0
 
 
-def test_a_wire_that_is_cut_stops_the_stage_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wire_that_is_cut_leaves_one_jog_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
+    cut_s, write = bench.clock.monotonic_s() + 0.3, bench.wire.write
 
-    def cut(*_: Any) -> None:
-        raise TransportError("the wire is cut")
+    def cut(data: bytes) -> None:
+        if bench.clock.monotonic_s() > cut_s:
+            raise TransportError("the wire is cut", "cut")
+        write(data)
 
-    def held() -> Direction:
-        if bench.x_mm() < -1.0:
-            monkeypatch.setattr(bench.wire, "write", cut)
-        return LEFT
-
-    with pytest.raises(TransportError):
-        dead_man_jog(bench.stage, bench.clock, held, 5.0)
-    cut_mm = bench.x_mm()
-    bench.clock.wait_s(5.0)
-    assert cut_mm - 2 * 5.0 * SLICE_S - 1 / 400 <= bench.x_mm() <= cut_mm
-    rest_mm = bench.x_mm()
-    bench.clock.wait_s(5.0)
-    assert bench.x_mm() == rest_mm
+    monkeypatch.setattr(bench.wire, "write", cut)
+    with raises(TransportError, "cut"):
+        jog(bench.stage, bench.clock, LEFT, MOST_MM, 5.0)
+    assert bench.x_mm(1e9) == pytest.approx(-MOST_MM, abs=0.003)
 
 
-def test_the_end_of_the_travel_is_told() -> None:
+def test_the_end_of_the_travel_is_refused() -> None:
     bench = Bench()
-    with pytest.raises(StageRejected, match="outside the travel"):
-        dead_man_jog(bench.stage, bench.clock, lambda: Direction("x", +1), 1.0)
-    assert bench.stage.status().state == "Idle"
+    with raises(StageRejected, "line_refused"):
+        jog(bench.stage, bench.clock, Direction("x", +1), 5.0, 1.0)
+    assert bench.x_mm(1e9) == 0.0
+
+
+class Scripted(StubStage):
+    """Reports a state, and stops so far short of a jog's target."""
+
+    def __init__(self, state: str = "Idle", short_mm: float = 0.0, aside_mm: float = 0.0) -> None:
+        super().__init__(VirtualClock())
+        self.state, self._short_mm, self._aside_mm = state, short_mm, aside_mm
+
+    def jog(self, axis: str, mm: float, speed_mm_s: float) -> None:
+        super().jog(axis, mm - self._short_mm * (1 if mm > 0 else -1), speed_mm_s)
+        self.at_mm[1] += self._aside_mm
+
+
+@pytest.mark.parametrize("state", ["Hold:0", "Door:1"])
+def test_a_held_board_gets_no_jog(state: str) -> None:
+    stage = Scripted(state)
+    with raises(StageHeld, "held"):
+        jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
+    assert stage.told == []
+
+
+def test_a_start_that_is_reported_in_two_ways_is_no_start() -> None:
+    stage = Scripted()
+    status, looks = stage.status, iter([0.0, 0.2])
+    stage.status = lambda: replace(status(), x_mm=next(looks))  # type: ignore[method-assign]
+    with raises(StageError, "not_at_rest"):
+        jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
+    assert stage.told == []
+
+
+@pytest.mark.parametrize(("short_mm", "stopped"), [(0.0054, False), (0.0056, True), (0.5, True)])
+def test_a_stage_that_rests_short_of_its_target_was_stopped(short_mm: float, stopped: bool) -> None:
+    """By more than a step, 0.0025 mm, and what a board prints."""
+    stage = Scripted(short_mm=short_mm)
+    if not stopped:
+        jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
+        return
+    with raises(StageError, "jog_cut_short"):
+        jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
+
+
+def test_a_stage_that_leaves_its_way_is_stopped() -> None:
+    stage = Scripted(aside_mm=0.1)
+    with raises(StrayedError, "off_its_way"):
+        jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
+    assert stage.told[-1] == "stop"
+
+
+def test_a_lift_from_rest_is_made_in_parts_of_a_fifth_of_a_second() -> None:
+    stage = Scripted()
+    lift_from_rest(stage, stage.clock, 1.3, 3.0)  # type: ignore[arg-type]
+    assert stage.told == [("jog", "z", pytest.approx(0.6)), ("jog", "z", pytest.approx(0.6)), ("jog", "z", 0.1)]
 
 
 # --- keys ---
 
 
-def test_a_key_counts_until_it_is_not_repeated_any_more(clock: VirtualClock) -> None:
-    typed = [b"a", b"", b"aa", b"", b"", b"w", b"?", b"aq"]
-    held = HeldKey(clock, lambda: typed.pop(0))
-    seen = [held()]
-    for wait_s in (0.1, 0.1, RELEASED_S - 0.01, 0.02, 0.1, 0.1):
-        clock.wait_s(wait_s)
-        seen.append(held())
-    assert seen == [LEFT, LEFT, LEFT, LEFT, None, Direction("z", +1), None]
-    assert not held.finished
-    assert held() is None
-    assert held.finished
+class Person:
+    """Keys that come at instants, and a session that takes a second for each step."""
+
+    def __init__(self, *typed: tuple[float, str], ends: dict[int, Exception] | None = None) -> None:
+        self.clock = VirtualClock()
+        self._typed, self._ends = list(typed), ends or {}
+        self.steps: list[tuple[Direction, float]] = []
+        self.did: list[str] = []
+
+    def read(self) -> bytes | None:
+        now_s = self.clock.monotonic_s()
+        due = "".join(key for at_s, key in self._typed if at_s <= now_s)
+        self._typed = [(at_s, key) for at_s, key in self._typed if at_s > now_s]
+        return None if not (due or self._typed) else due.encode()
+
+    def step(self, direction: Direction, by_mm: float, speed_mm_s: float) -> StepEnd:
+        self.steps.append((direction, by_mm))
+        self.clock.wait_s(1.0)
+        problem = self._ends.get(len(self.steps))
+        return StepEnd(KnownContact(), None, problem)  # type: ignore[arg-type]
+
+    def look(self) -> StageStatus:
+        return StageStatus("Idle", 0.0, 0.0, 0.0)
+
+    def __getattr__(self, name: str) -> Callable[[], None]:
+        return lambda: self.did.append(name)
+
+    def run(self) -> KeySteps:
+        keys = KeySteps(self, self.clock, self.read, lambda *shown: None, 2.0)  # type: ignore[arg-type]
+        keys.run()
+        return keys
 
 
-@pytest.mark.parametrize(("again_s", "there"), [(0.033, True), (math.inf, False)], ids=["held", "let go"])
-def test_what_was_typed_while_nothing_read_it_may_be_long_ago(
-    clock: VirtualClock, again_s: float, there: bool
-) -> None:
-    """The process stood still for 5 s: 150 repetitions wait. The key counts only if it goes on."""
-    waiting = bytearray()
-
-    def read() -> bytes:
-        typed = bytes(waiting[:100])
-        del waiting[:100]
-        return typed
-
-    def repeat() -> None:
-        waiting.extend(b"a")
-        clock.call_at(clock.monotonic_s() + again_s, repeat)
-
-    held = HeldKey(clock, read)
-    waiting.extend(b"a")
-    assert held() == LEFT
-    clock.wait_s(5.0)
-    waiting.extend(b"a" * 150)
-    if there:
-        repeat()
-    for _ in range(20):
-        assert held() == (LEFT if there else None)
-        clock.wait_s(0.02)
+def test_each_key_makes_one_step_of_the_chosen_size() -> None:
+    person = Person(*((2.0 * n, key) for n, key in enumerate("d5s+w1-a")), (99.0, "q"))
+    person.run()
+    assert person.steps == [(Direction("x", 1), 0.1), (DOWN, 1.0), (UP, 5.0), (Direction("x", -1), 0.01)]
 
 
-def test_keys_that_end_are_a_release(clock: VirtualClock) -> None:
-    typed: list[bytes | None] = [b"s", None]
-    held = HeldKey(clock, lambda: typed.pop(0))
-    assert held() == Direction("z", -1)
-    assert held() is None
-    assert held.finished
+def test_keys_home_zero_and_park() -> None:
+    person = Person((0.1, "h"), (0.5, "z"), (1.0, "p"), (1.5, "?"), (2.0, "q"))
+    person.run()
+    assert [name for name in person.did if name != "force_gwt"] == ["home", "zero", "park"]
 
 
-@pytest.mark.parametrize("axis", ["x", "y", "z"])
-@pytest.mark.parametrize(("by_mm", "sign"), [(0.5, 1), (-0.5, -1), (50.0, 1), (-50.0, -1)])
-def test_a_distance_says_which_way_and_how_far(axis: Any, by_mm: float, sign: int) -> None:
-    assert way(axis, by_mm) == (Direction(axis, sign), abs(by_mm))
+def test_keys_typed_while_a_step_moves_are_dropped() -> None:
+    """A held key repeats 30 times a second."""
+    person = Person(*((0.1 + n / 30, "s") for n in range(40)), (3.0, "q"))
+    person.run()
+    assert len(person.steps) == 2, "no repeat runs ahead"
+
+
+def test_several_keys_at_once_are_one() -> None:
+    person = Person((0.1, "sss\x1b[B"), (3.0, "q"))
+    person.run()
+    assert len(person.steps) == 1
+
+
+def test_after_a_step_that_ended_early_a_held_key_starts_no_other() -> None:
+    held = ((0.1 + n / 30, "s") for n in range(150))
+    person = Person(*held, (7.0, "s"), (9.0, "q"), ends={1: LimitError("touched", "touched")})
+    person.run()
+    assert len(person.steps) == 2, "the second is a new press"
+
+
+def test_a_first_repeat_after_a_short_step_starts_no_other() -> None:
+    """A key repeats after 0.66 s at the latest."""
+    assert QUIET_S > 0.66
+
+
+@pytest.mark.parametrize("last", ["q", ""])
+def test_q_and_the_end_of_the_input_end_it_also_while_a_step_moves(last: str) -> None:
+    person = Person((0.1, "s"), (0.5, last))
+    person.run()
+    assert len(person.steps) == 1
+
+
+# --- the distance ---
+
+
+@pytest.mark.parametrize(("axis", "by_mm", "sign"), [("x", 1.0, 1), ("z", -5.0, -1)])
+def test_a_distance_has_a_direction(axis: Any, by_mm: float, sign: int) -> None:
+    assert way(axis, by_mm, MOST_MM) == (Direction(axis, sign), abs(by_mm))
 
 
 @pytest.mark.parametrize(
-    ("axis", "by_mm", "code", "fields"),
-    [
-        ("a", 1.0, "unknown_choice", {"option": "--axis", "value": "a"}),
-        ("x", 0.0, "outside_range", {"option": "--by-mm", "value": 0.0, "most_mm": 1000.0}),
-        ("x", 1001, "outside_range", {"option": "--by-mm", "value": 1001, "most_mm": 1000.0}),
-    ],
-)
-def test_what_is_no_way_is_refused(axis: str, by_mm: float, code: str, fields: dict[str, Any]) -> None:
-    with raises(BadInputError, code, **fields):
-        way(axis, by_mm)
+    ("axis", "by_mm", "code"),
+    [("u", 1.0, "unknown_choice"), ("x", 0.0, "outside_range"), ("x", 5.01, "outside_range"),
+     ("x", float("nan"), "outside_range"), ("z", -1e9, "outside_range")],
+)  # fmt: skip
+def test_another_distance_is_refused(axis: str, by_mm: float, code: str) -> None:
+    with raises(BadInputError, code):
+        way(axis, by_mm, MOST_MM)

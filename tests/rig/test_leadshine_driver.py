@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -297,31 +296,3 @@ def test_stop_asks_every_drive_even_if_one_is_silent(homed: Make, clock: Virtual
     with raises(StageTimeout, "no_reply", axis="z", device=2, function="write"):
         there.stop()
     assert clock.monotonic_s() - start_s < 1.5
-
-
-# --- jog ---
-
-
-def test_jog_is_rewritten_in_time_and_ends_with_the_key(stage: Make, clock: VirtualClock) -> None:
-    word = echoed("02 06 18 01 40 01")
-    there = stage(
-        [
-            *disarmed(2),
-            *disarmed(1),
-            status(2, AT_REST),
-            *set_and_read_back(2, "62 00", "00 00"),
-            *set_and_read_back(2, "01 E1", "00 3C"),
-            *[word] * 5,
-            status(2, RUNNING),
-            status(2, AT_REST),
-            *set_and_read_back(2, "01 E1", "00 01"),
-        ]
-    )
-    pressed_s: list[float] = []
-
-    def held() -> bool:
-        pressed_s.append(clock.monotonic_s())
-        return len(pressed_s) <= 5
-
-    there.jog_while("z", 1, held, 1.0)
-    assert all(0 < b - a < 0.05 for a, b in pairwise(pressed_s))

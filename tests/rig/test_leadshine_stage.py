@@ -15,7 +15,6 @@ from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, Modb
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
     ALARM,
-    CONTROL,
     DISABLED,
     FEEDBACK,
     HOME,
@@ -46,7 +45,6 @@ VERBS: dict[str, Callable[[LeadshineStage], object]] = {
     "home": lambda stage: stage.home(),
     "move_to": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=1.0),
     "jog": lambda stage: stage.jog("z", -1.0, 1.0),
-    "jog_while": lambda stage: stage.jog_while("z", -1, lambda: True, 1.0),
     "limit_depth": lambda stage: stage.limit_depth(-1.0),
 }
 
@@ -143,7 +141,7 @@ def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float)
 
 
 @pytest.mark.parametrize("loses", ["move_to", "limit_depth"])
-@pytest.mark.parametrize("again", ["home", "jog", "jog_while"])
+@pytest.mark.parametrize("again", ["home", "jog"])
 def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_moves(
     bench: Make, loses: str, again: str
 ) -> None:
@@ -156,11 +154,7 @@ def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_mo
     bus.registers[path_1], bus.registers[jog_rpm] = 0x41, 60
     bus.status = lambda device, t_s: HOMED
     bus.told.clear()
-    if again == "jog_while":
-        held = iter([True, False])
-        stage.jog_while("z", -1, lambda: next(held), 1.0)
-    else:
-        VERBS[again](stage)
+    VERBS[again](stage)
     homing_speeds = (Z, 0x600F)
     assert [(device, register, said) for _, device, register, said in bus.told][:3] == [
         (*path_1, [0]),
@@ -169,7 +163,7 @@ def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_mo
     ]
 
 
-@pytest.mark.parametrize("verb", ["move_to", "jog", "jog_while"])
+@pytest.mark.parametrize("verb", ["move_to", "jog"])
 @pytest.mark.parametrize("trouble", [ModbusTimeout, ModbusGarbled, None])
 def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves(
     bench: Make, trouble: type[ModbusError] | None, verb: str
@@ -189,10 +183,7 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     bus.trouble = None
     bus.registers[X, 0x6208] = 0x41
     bus.told.clear()
-    if verb == "jog_while":
-        stage.jog_while("z", -1, lambda: False, 1.0)
-    else:
-        VERBS[verb](stage)
+    VERBS[verb](stage)
     told = [what[1:] for what in bus.told]
     assert (X, 0x6208, [0]) in told[:-2], "the last ones are those of the motion"
     assert stage.homed
@@ -323,27 +314,6 @@ def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) ->
 # --- jogs ---
 
 
-@pytest.mark.parametrize("per_mm", [400.0, -400.0, 0.5, -0.5])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
-    bench: Make, per_mm: float, sign: int
-) -> None:
-    bus, stage = bench(per_mm=per_mm)
-    held = iter([True, False])
-    stage.jog_while("x", sign, lambda: next(held), 20.0)
-    word = 0x4001 if sign * per_mm > 0 else 0x4002
-    assert [what[1:] for what in bus.told if what[2] == CONTROL] == [(X, CONTROL, [word])]
-
-
-def test_a_drive_that_jogs_on_after_the_key_is_an_error_after_a_second(bench: Make, clock: VirtualClock) -> None:
-    bus, stage = bench()
-    held = iter([True, False])
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: RUNNING if t_s > begun_s else HOMED
-    with raises(StageTimeout, "not_over", what="the end of a jog", timeout_s=1.0):
-        stage.jog_while("z", 1, lambda: next(held), 1.0)
-
-
 def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
     """At rest that is where it stands, wherever an earlier jog led."""
     bus, stage = bench()
@@ -363,7 +333,6 @@ ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
     "stop": lambda stage: stage.stop(),
     "home": lambda stage: stage.home(),
     "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
-    "jog_while": lambda stage: stage.jog_while("x", 1, lambda: False, 1.0),
 }
 
 

@@ -107,22 +107,22 @@ def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBen
 
 @pytest.mark.quick(rows=lambda by_hand, rises_mm: by_hand == "grbl" or rises_mm == 4.0)
 @pytest.mark.parametrize("rises_mm", [2.3, 4.0])
-def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
+def test_a_step_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
     by_hand: FingerOnBytes, rises_mm: float
 ) -> None:
     by_hand.finger.moves(in_s(by_hand, 1.0), rises_mm)
     by_hand.clock.wait_s(10.0)
     with suppress(RigError):
-        by_hand.jog("x", 9.0)
+        by_hand.jog("x", 5.0)
     by_hand.ask()
     not_dragged(by_hand)
     assert not by_hand.witness.lies()
 
 
-def test_a_jog_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: FingerOnBytes) -> None:
+def test_a_step_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: FingerOnBytes) -> None:
     by_hand.finger.moves(in_s(by_hand, 1.2), 2.8, 5.0)
     with suppress(RigError):
-        by_hand.jog("x", 9.0, 5.0)
+        by_hand.jog("x", 5.0, 5.0)
     not_dragged(by_hand)
 
 
@@ -154,7 +154,7 @@ def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: Fing
         by_hand.zero_by_hand()
         assert by_hand.witness.now().force_gwt < by_hand.least_gwt, "the zero counts"
     with suppress(RigError):
-        by_hand.jog("x", 9.0)
+        by_hand.jog("x", 5.0)
     not_dragged(by_hand)
 
 

@@ -78,7 +78,7 @@ SENSORS: dict[str, dict[str, Any]] = {
 }
 
 HABIT, SENSOR, K_GWT = st.sampled_from(list(HABITS)), st.sampled_from(list(SENSORS)), st.sampled_from([13.0, 4.0])
-BY_HAND_MM, BY_HAND_MM_S = tenths(-4.0, 4.0).filter(bool), st.sampled_from([10.0, 2.0, 1.0])
+BY_HAND_MM = st.sampled_from([sign * mm for mm in (0.5, 5.0, 1.0, 0.1, 0.05) for sign in (1, -1)])
 
 Movements = dict[str, Any]
 Meanwhile = tuple[float, Movements] | None
@@ -479,24 +479,21 @@ class BytesMachine(FingerMachine):
 
     @precondition(lambda self: self.over)
     @rule(
-        by_mm=tenths(-4.0, 4.0).filter(bool),
+        by_mm=tenths(-5.0, 5.0).filter(bool),
         speed_mm_s=st.sampled_from([10.0, 2.0, 1.0]),
         axis=st.sampled_from(["x", "z"]),
         finger=MEANWHILE,
     )
     def jog(self, by_mm: float, speed_mm_s: float, axis: Axis, finger: Meanwhile) -> None:
         self._meanwhile(finger, abs(by_mm) / speed_mm_s + 1.0)
-        self._by_hand(lambda: self.bench.jog(axis, by_mm * (2 if axis == "x" else 1), speed_mm_s))
+        self._by_hand(lambda: self.bench.jog(axis, by_mm, speed_mm_s))
 
     @precondition(lambda self: self.over)
-    @rule(
-        axis=st.sampled_from(["x", "z"]), sign=st.sampled_from([1, -1]), for_s=tenths(0.2, 4.0),
-        speed_mm_s=BY_HAND_MM_S, finger=MEANWHILE,
-    )  # fmt: skip
-    def hold(self, axis: Axis, sign: int, for_s: float, speed_mm_s: float, finger: Meanwhile) -> None:
+    @rule(axis=st.sampled_from(["x", "z"]), by_mm=BY_HAND_MM, finger=MEANWHILE)
+    def click(self, axis: Axis, by_mm: float, finger: Meanwhile) -> None:
         """A button of the panel."""
-        self._meanwhile(finger, for_s)
-        self._by_hand(lambda: self.bench.hold(axis, sign, for_s, speed_mm_s))
+        self._meanwhile(finger, 2.0)
+        self._by_hand(lambda: self.bench.click(axis, by_mm))
 
     @precondition(lambda self: self.over)
     @rule(finger=MEANWHILE)

@@ -83,10 +83,9 @@ def test_homing_disarms_a_drive_that_was_switched_off() -> None:
     "move",
     [
         lambda stage: stage.jog("z", 0.1, 1.0),
-        lambda stage: stage.jog_while("z", 1, iter([True, False]).__next__, 1.0),
         lambda stage: stage.home(),
     ],
-    ids=["jog", "jog_while", "home"],
+    ids=["jog", "home"],
 )
 def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
     move: Callable[[LeadshineStage], None],

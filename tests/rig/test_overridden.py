@@ -9,9 +9,8 @@ from rig.devices.base import StageOverridden
 from rig.engine import Target, TripError, indent, verbs
 from rig.engine.engine import Engine, State
 from rig.engine.sensing import ForceZero
-from rig.manual.jog import Moved
 from tests.error_codes import has_code
-from tests.rig.test_by_hand import AtHand
+from tests.rig.hand_bench import SessionBench, code_of_end
 from tests.rig.test_watched_moves import GRBL, Watched
 
 OVERRIDES = {
@@ -22,7 +21,7 @@ OVERRIDES = {
 CLEARANCE_MM = 2.0
 
 
-def _struck(bench: Watched | AtHand, data: bytes, *, after_s: float = 0.0) -> None:
+def _struck(bench: Watched | SessionBench, data: bytes, *, after_s: float = 0.0) -> None:
     """Somebody else's bytes on the same wire."""
     wire = bench.bench.stage._link._transport  # type: ignore[attr-defined]
     bench.clock.call_at(bench.clock.monotonic_s() + after_s, lambda: wire.write(data))
@@ -124,45 +123,35 @@ def test_a_lift_that_is_overridden_again_and_again_is_an_error(watched: Watched)
 
 # --- by hand ---
 
-JOGS: dict[str, Callable[[AtHand], Moved]] = {
-    "down": lambda hand: hand.jog("z", -1.5),
-    "up": lambda hand: hand.jog("z", 3.0),
-    "sideways": lambda hand: hand.jog("x", 3.0),
-    "calibrate steps": lambda hand: hand.jog("x", -20.0, 4.0),
-}
+STEPS = {"down": ("z", -1.5), "up": ("z", 5.0), "sideways": ("x", 5.0)}
 
 
-@pytest.mark.parametrize("jog", JOGS)
-@pytest.mark.parametrize("felt", [True, False])
-def test_a_motion_by_hand_ends_at_rest_says_why_and_the_next_one_goes_at_full_speed(jog: str, felt: bool) -> None:
-    hand = AtHand("grbl", felt=felt, zero=ForceZero(0.0, 0.0))
-    measured_s = 0.8 if felt and jog in ("sideways", "calibrate steps") else 0.0  # contact, before the motion
-    _struck(hand, b"\x92" * 5, after_s=0.6 + measured_s)
-    moved = JOGS[jog](hand)
-    assert moved.problem is not None
-    has_code(moved.problem, "overridden", feed_percent=50)
-    assert moved.at.state == "Idle"
-    height_mm, x_mm = hand.height_mm, hand.x_mm
-    hand.clock.wait_s(2.0)
-    assert (hand.height_mm, hand.x_mm) == (height_mm, x_mm)
-    assert hand.jog("z", 0.5).ended_by is None
-    assert hand.height_mm == pytest.approx(height_mm + 0.5, abs=0.003)
+@pytest.mark.parametrize("name", STEPS)
+def test_a_step_ends_at_rest_says_why_and_homing_goes_at_full_speed(name: str) -> None:
+    bench = SessionBench("grbl", zero=ForceZero(0.0, 0.0))
+    _struck(bench, b"\x92" * 5, after_s=1.6 if name == "sideways" else 0.8)  # contact, before the motion
+    axis, by_mm = STEPS[name]
+    found = bench.step(axis, by_mm, 1.0)
+    assert found.ended_by is not None
+    has_code(found.ended_by, "overridden", feed_percent=50)
+    at = bench.height_mm, bench.x_mm
+    bench.clock.wait_s(2.0)
+    assert (bench.height_mm, bench.x_mm) == at
+    bench.session.home()
+    assert bench.step("z", -0.5).ended_by is None
 
 
-def test_by_hand_a_force_above_a_trip_is_left_all_the_same() -> None:
+def test_a_step_above_a_trip_is_left_all_the_same() -> None:
     """Pressed to the trip, and somebody changes the speed just as it goes back up."""
-    hand = AtHand("grbl", k_gwt=6000.0, above_mm=0.52, soft_trip_n=0.1)
-    jog, struck = hand.bench.stage.jog, []
+    bench = SessionBench("grbl", k_gwt=6000.0, above_mm=0.52, soft_trip_n=0.1)
+    trip, struck = bench.session.engine.trip, []
 
-    def strikes_at_the_first_way_up(axis: Any, by_mm: float, speed_mm_s: float) -> None:
-        jog(axis, by_mm, speed_mm_s)
-        if by_mm > 0 and not struck:
-            struck.append(by_mm)
-            _struck(hand, b"\x92" * 9)
+    def strikes(*args: Any) -> Any:
+        struck.append(args)
+        _struck(bench, b"\x92" * 9, after_s=0.1)
+        return trip(*args)
 
-    hand.bench.stage.jog = strikes_at_the_first_way_up  # type: ignore[method-assign]
-    moved = hand.jog("z", -1.0)
+    bench.session.engine.trip = strikes  # type: ignore[method-assign]
+    assert code_of_end(bench.step("z", -1.0)) == "soft_trip"
     assert struck
-    assert moved.ended_by is not None
-    assert "lifted by" in moved.ended_by
-    assert hand.spring.true_gwt(hand.clock.monotonic_s()) == 0.0
+    assert bench.force_gwt == 0.0

@@ -1,20 +1,18 @@
 """What docs/safety_promises.md promises of manual control holds for what is asked over the socket, on every bench.
 
 Each promise is a walk of a person at the panel; devices virtual, bytes real, clock virtual. What a single motion may
-do to a finger: tests/rig/test_by_hand.py.
+do to a finger: tests/rig/test_manual_steps.py.
 """
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceReading, StageOverridden
+from rig.devices.base import ForceReading
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
-from rig.manual.owner_process import LAPSED
+from rig.manual.orders import HOME_FIRST
 from rig.manual.status import IN_STEPS
 from rig.units import GWT_N
 from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person
@@ -53,8 +51,8 @@ def a_sensor_that_does_not_answer_moves_nothing(make: Make) -> None:
 
         def person(bench: HandBench = bench, axes: str = axes) -> Person:
             for axis in axes:
-                for sign in (1, -1):
-                    yield from bench.hold(axis, sign, 0.4)
+                for by_mm in (1.0, -1.0):
+                    yield from bench.step(axis, by_mm)
                     assert "not a number; nothing was moved" in bench("status")["ended_by"]
             if axes == "z":  # With a zero, homing leaves the finger although the sensor is silent.
                 yield from bench.do("home")
@@ -72,28 +70,27 @@ def sideways_nothing_moves_without_a_zero(make: Make) -> None:
     from_mm = bench.x_mm
 
     def person() -> Person:
-        yield from bench.hold("x", 1, 1.5)
+        yield from bench.step("x", 1.0)
         assert "has no zero, so a touch cannot be measured; nothing was moved" in bench("status")["ended_by"]
         assert bench.x_mm == from_mm
         yield from bench.do("zero")
-        yield from bench.hold("x", 1, 1.5)
+        yield from bench.step("x", 1.0)
 
     assert ended(bench, person()) == "None"
     assert bench.x_mm > from_mm
 
 
 @promise
-def down_it_ends_at_the_first_touch_and_a_new_press_goes_on_to_nine_tenths_of_the_trip(make: Make) -> None:
+def down_it_ends_at_the_first_touch_and_the_next_step_goes_on_to_nine_tenths_of_the_trip(make: Make) -> None:
     bench = make(above_mm=0.2, soft_trip_n=0.05)
 
     def person() -> Person:
-        yield from bench.hold("z", -1, 20.0)
+        yield from bench.step("z", -1.0)
         assert bench("status")["ended_by"].startswith("touched")
         assert bench.worst_gwt <= 6.0 * ((TOUCH_GWT / 6.0) ** (2 / 3) + INCREMENT_MM + 0.003) ** 1.5
-        (refused,) = bench.refused
-        assert refused.startswith("that motion has ended"), "the same press never goes on"
+        yield from bench.step("z", -0.8)
         for _ in range(3):
-            yield from bench.hold("z", -1, 20.0)
+            yield from bench.step("z", -0.5)
             assert "the next step down would pass the soft trip" in bench("status")["ended_by"]
 
     bench.run(person())
@@ -105,20 +102,39 @@ def above_a_trip_only_up_is_free(make: Make) -> None:
     bench = make(above_mm=-0.8, soft_trip_n=0.02, zero=ZERO)
 
     def person() -> Person:
-        for axis, sign in (("x", 1), ("z", -1)):
-            yield from bench.hold(axis, sign, 0.4)
+        for axis, by_mm in (("x", 1.0), ("z", -0.1)):
+            yield from bench.step(axis, by_mm)
             assert "exceeds the soft trip of 2.04 gwt; nothing was moved" in bench("status")["ended_by"]
-        yield from bench.hold("z", 1, 1.5)  # in slices that begin at rest: the finger may be touched
+        yield from bench.step("z", 5.0)
 
     assert ended(bench, person()) == "None"
     assert bench.height_mm > 0.8
 
 
 @promise
+def a_trip_lifts_and_only_homing_leaves_it(make: Make) -> None:
+    bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1, zero=ZERO)
+
+    def person() -> Person:
+        yield from bench.step("z", -1.0)
+        assert "exceeds the soft trip" in bench("status")["ended_by"]
+        assert bench("status")["next"] == HOME_FIRST
+        assert bench.height_mm == pytest.approx(2.0, abs=0.006)
+        for axis, by_mm in (("x", 1.0), ("z", 1.0), ("z", -1.0)):
+            yield from bench.step(axis, by_mm)
+            assert "home first" in bench("status")["ended_by"]
+        assert bench.height_mm == pytest.approx(2.0, abs=0.006)
+        yield from bench.do("home")
+        yield from bench.step("z", -1.0)
+
+    assert ended(bench, person()) == "None"
+
+
+@promise
 def with_one_forces_count_from_the_last_zero_on_record(make: Make) -> None:
     bench = make(zero=ForceZero(3.0 * GWT_N, 0.0))
     bench.spring.offset_gwt = 5.0
-    state = bench.run(bench.hold("x", 1, 0.5))
+    state = bench.run(bench.step("z", 0.5))
     assert state["force_gwt"] == pytest.approx(2.0, abs=0.011)
     assert state["zeroed"]
 
@@ -130,10 +146,11 @@ def with_one_forces_count_from_the_last_zero_on_record(make: Make) -> None:
 def a_stage_that_is_not_where_it_was_left_has_no_known_height(make: Make) -> None:
     """And counts as below clearance: one increment at a time."""
     bench = make(known=False, zero=ZERO)
-    state = bench.run(bench.hold("z", -1, 0.3, 5.0))
+    begun = len(bench.moves_sent())
+    state = bench.run(bench.step("z", -0.5))
     assert (state["homed"], state["height_mm"]) == (False, None)
     assert state["next"] == IN_STEPS
-    assert 3.0 - 3 * INCREMENT_MM - 0.003 <= bench.height_mm < 3.0
+    assert len(bench.moves_sent()) - begun == 10
 
 
 @promise
@@ -145,7 +162,7 @@ def where_it_was_left_homed_it_is_known_and_left_to_the_next_command(make: Make)
         yield 0.1
         assert bench.memory.read().left_at_mm is None, "killed now, nobody knows"
         assert bench("status")["height_mm"] == pytest.approx(3.0, abs=0.003)
-        yield from bench.hold("z", 1, 1.0)
+        yield from bench.step("z", 1.0)
 
     bench.run(person())
     left_mm = bench.memory.read().left_at_mm
@@ -154,76 +171,52 @@ def where_it_was_left_homed_it_is_known_and_left_to_the_next_command(make: Make)
 
 
 @promise
-def a_changed_override_ends_it_and_the_next_motion_goes_at_full_speed(make: Make) -> None:
+def a_step_is_five_millimeters_at_most_and_none_is_queued(make: Make) -> None:
+    """Whatever is clicked while it moves is refused; when the process or the page is gone, nothing more is sent."""
     bench = make(zero=ZERO)
-    halts: list[float] = []
-    stage = bench.bench.stage
-    halt, status = stage.halt, stage.status
+    from_mm = bench.x_mm
 
     def person() -> Person:
-        holding = bench.hold("x", 1, 20.0)
-        yield from (next(holding) for _ in range(14))  # Contact is measured first.
-        stage.halt = lambda: (halts.append(bench.clock.monotonic_s()), halt())[1]  # type: ignore[method-assign]
-
-        def overridden() -> Any:
-            stage.status = status  # type: ignore[method-assign]
-            raise StageOverridden("feed override 200 %")
-
-        stage.status = overridden  # type: ignore[method-assign]
-        yield from holding
-        assert "feed override 200 %" in bench("status")["ended_by"]
-        assert bench("status")["homed"], "its position is kept"
-        yield from bench.hold("x", -1, 1.5)
+        for by_mm in (5.1, 0.0, -1.0, math.inf):
+            assert "by_mm" in bench.refusal("step", by_mm=by_mm if math.isfinite(by_mm) else "inf")
+        bench("step", axis="x", sign=1, by_mm=5.0, tab="one")
+        while bench("status")["busy"] is not None:
+            assert (bench("status")["busy"], bench("status")["tab"]) == ("step", "one")
+            assert bench.refusal("step") == bench.refusal("home") == "busy: step"
+            yield 0.05
+        yield 2.0
 
     assert ended(bench, person()) == "None"
-    assert len(halts) == 1
-
-
-@promise
-def it_ends_within_two_slices_and_a_hold_of_the_last_one(make: Make) -> None:
-    for speed_mm_s in (0.5, 2.0, 10.0):
-        bench = make(zero=ZERO)
-        last: list[float] = []
-
-        def person(bench: HandBench = bench, last: list[float] = last, speed_mm_s: float = speed_mm_s) -> Person:
-            holding = bench.hold("x", 1, 20.0, speed_mm_s)
-            for _ in range(18):  # Contact is measured first.
-                last[:] = [bench.x_mm]
-                yield next(holding)
-            yield from bench.done()
-
-        said = ended(bench, person())
-        assert said == LAPSED
-        assert 0 < bench.x_mm - last[0] <= speed_mm_s * (0.25 + 2 * 0.1) + 1 / 400
+    assert bench.x_mm - from_mm == pytest.approx(5.0, abs=0.003)
 
 
 @promise
 def once_the_position_is_lost_it_moves_sideways_only_where_nothing_is_felt(make: Make) -> None:
-    """A lift is on record. Then the stage is switched off, and its carriage sinks into the finger."""
+    """A lift is on record. Then the stage loses its position, and the finger comes up."""
     bench = make(zero=ZERO, lifted=True)
-    status = bench.bench.stage.status
 
     def person() -> Person:
-        yield from bench.hold("x", 1, 0.3)
+        yield from bench.step("x", 0.5)
         assert bench("status")["ended_by"] is None
-        bench.bench.stage.status = lambda: replace(status(), referenced=False)  # type: ignore[method-assign]
+        bench.bench.stage.stop()
         yield 0.3
         bench.spring.skin_mm = bench.height_mm + 0.3
         yield 1.0
         from_mm = bench.x_mm
-        yield from bench.hold("x", 1, 1.5)
-        assert "no lateral motion after a touch" in bench("status")["ended_by"]
+        assert not bench("status")["homed"]
+        yield from bench.step("x", 1.0)
+        assert "no step sideways" in bench("status")["ended_by"]
         assert bench.x_mm == from_mm
         bench.spring.skin_mm = 0.0
         yield 1.0
-        yield from bench.hold("x", 1, 2.5)
+        yield from bench.step("x", 1.0)
         assert bench.x_mm > from_mm
 
     assert ended(bench, person()) == "None"
 
 
 @promise
-def after_a_homing_that_a_touch_ended_it_moves_sideways_only_where_nothing_is_felt(make: Make) -> None:
+def after_a_homing_that_a_touch_ended_only_homing_follows(make: Make) -> None:
     bench = make(zero=ZERO, lifted=True, soft_trip_n=0.05)
 
     def person() -> Person:
@@ -234,8 +227,8 @@ def after_a_homing_that_a_touch_ended_it_moves_sideways_only_where_nothing_is_fe
         assert "exceeds the soft trip" in bench("status")["ended_by"]
         bench.spring.offset_gwt, from_mm = 2.0, bench.x_mm
         yield 1.0
-        yield from bench.hold("x", 1, 1.5)
-        assert "no lateral motion after a touch" in bench("status")["ended_by"]
+        yield from bench.step("x", 1.0)
+        assert "home first" in bench("status")["ended_by"]
         assert bench.x_mm == from_mm
 
     bench.run(person())
@@ -259,7 +252,7 @@ def homing_reads_the_force_all_the_way_and_a_trip_ends_it(make: Make) -> None:
         state = bench("status")
         assert "exceeds the soft trip" in state["ended_by"]
         assert (state["homed"], state["stopped"]) == (False, False)
-        assert state["next"] == IN_STEPS
+        assert state["next"] == HOME_FIRST
 
     bench.run(person())
     at_mm = bench.height_mm
@@ -273,7 +266,7 @@ def homed_the_height_is_known_and_a_touch_of_before_is_forgotten(make: Make) -> 
     bench = make(above_mm=0.2, known=False)
 
     def person() -> Person:
-        yield from bench.hold("z", -1, 20.0)
+        yield from bench.step("z", -1.0)
         assert bench("status")["ended_by"].startswith("touched")
         yield from bench.do("home")
         state = bench("status")
@@ -282,7 +275,7 @@ def homed_the_height_is_known_and_a_touch_of_before_is_forgotten(make: Make) -> 
         bench.spring.k_gwt, bench.spring.offset_gwt = 0.0, 0.0
         bench.spring.wall_x_mm = -1000.0  # something is met at once, wherever it goes
         bench.spring.true_gwt = lambda t_s: 3.0 * (bench.height_mm < 22.0)  # type: ignore[method-assign]
-        yield from bench.hold("z", -1, 30.0, 5.0)
+        yield from bench.step("z", -5.0)
 
     assert ended(bench, person()).startswith("touched, 3.00 gwt more")
 
@@ -295,6 +288,7 @@ def zero_is_refused_where_something_seems_touched_and_taken_anyway(make: Make) -
     def person() -> Person:
         yield from bench.do("zero")
         assert bench("status")["ended_by"].startswith("the sensor reads 2.00 gwt from the last recorded zero (20")
+        assert bench("status")["did"] == "zero", "so that the page offers to zero anyway"
         assert bench.memory.read().zero == ZERO
         yield from bench.do("zero", anyway="yes")
         assert "so nothing was zeroed" in bench("status")["ended_by"], "anyway is true or nothing"
@@ -331,18 +325,10 @@ def one_thing_at_a_time_and_what_is_busy_is_said(make: Make) -> None:
     bench = make(zero=ZERO)
 
     def person() -> Person:
-        holding = bench.hold("x", 1, 0.8)
-        for _ in range(4):
-            yield next(holding)
-            assert (bench("status")["busy"], bench("status")["tab"]) == ("jog", "one")
-            for tab in ("one", "two"):
-                assert bench.refusal("hold", tab=tab) == "busy: another button is held"
-            assert bench.refusal("home") == bench.refusal("zero") == "busy: jog"
-        yield from holding
-        for verb in ("zero", "home"):
+        for verb in ("zero", "home", "park"):
             bench(verb)
             yield 0.1
-            for do in ("hold", "home", "zero"):
+            for do in ("step", "home", "zero", "park"):
                 assert bench.refusal(do) == f"busy: {verb}"
             yield from bench.done()
 
@@ -354,14 +340,19 @@ def _idle(bench: HandBench) -> Person:
     yield 0.31
 
 
-def _jogging(bench: HandBench) -> Person:
-    holding = bench.hold("x", 1, 20.0, 5.0)
-    yield from (next(holding) for _ in range(14))  # Contact is measured first.
+def _stepping(bench: HandBench) -> Person:
+    bench("step", axis="x", sign=1, by_mm=5.0, tab="one")
+    yield 2.0  # Contact is measured first.
+
+
+def _stepping_up(bench: HandBench) -> Person:
+    bench("step", axis="z", sign=1, by_mm=5.0, tab="one")
+    yield 0.8
 
 
 def _stepping_down(bench: HandBench) -> Person:
-    holding = bench.hold("z", -1, 20.0, 5.0)
-    yield from (next(holding) for _ in range(4))
+    bench("step", axis="z", sign=-1, by_mm=1.0, tab="one")
+    yield 0.8
 
 
 def _homing(bench: HandBench) -> Person:
@@ -379,10 +370,13 @@ def _about_to_home(bench: HandBench) -> Person:
     bench("home")
 
 
-STATES = {walk.__name__[1:]: walk for walk in (_idle, _jogging, _stepping_down, _homing, _zeroing, _about_to_home)}
+STATES = {
+    walk.__name__[1:]: walk
+    for walk in (_idle, _stepping, _stepping_up, _stepping_down, _homing, _zeroing, _about_to_home)
+}
 
 
-@pytest.mark.quick(rows=lambda state, kind: kind == "grbl" or state in ("jogging", "homing"))
+@pytest.mark.quick(rows=lambda state, kind: kind == "grbl" or state in ("stepping", "homing"))
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, state: str) -> None:
@@ -401,7 +395,7 @@ def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, 
         assert (found["stopped"], found["homed"], found["busy"]) == (True, False, None)
         assert found["next"].startswith("home first; nothing else moves until then")
         at_mm.append((bench.x_mm, bench.height_mm))
-        for more in (bench.hold("z", 1, 0.3), bench.do("zero")):
+        for more in (bench.step("z", 0.5), bench.do("zero")):
             yield from more
         assert bench.refused[-2:] == [f"stopped: {found['next']}"] * 2
         yield 1.0
@@ -409,7 +403,7 @@ def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, 
         yield from bench.do("home")
         found = bench("status")
         assert (found["ended_by"], found["stopped"], found["homed"]) == (None, False, True)
-        yield from bench.hold("x", -1, 0.5)
+        yield from bench.step("x", -0.5)
 
     end = bench.run(person())
     assert end["ended_by"] is None
@@ -423,7 +417,7 @@ def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, 
         assert state == "about_to_home" or '"stopped at once by the operator"' in did[0]
 
 
-@pytest.mark.quick(rows=lambda name, kind: kind == "grbl")  # drives: tests/rig/test_by_hand.py, test_hand_owner.py
+@pytest.mark.quick(rows=lambda name, kind: kind == "grbl")  # drives: test_manual_steps.py, test_hand_owner.py
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", PROMISES)
 def test_what_is_promised_by_hand_holds_through_the_socket(name: str, kind: str) -> None:

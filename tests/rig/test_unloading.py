@@ -11,10 +11,9 @@ from rig.engine import Engine, RunAborted, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
-from rig.engine.dead_man import Direction
-from rig.engine.sensing import Sensing
-from rig.manual.guard import Guard
-from rig.manual.jog import ByHand
+from rig.engine.engine import State
+from rig.engine.jog import UP
+from rig.engine.steps import Steps
 from rig.units import GWT_N
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from tests.error_codes import raises
@@ -41,12 +40,14 @@ def _paused(bench: FaultyBench) -> None:
 
 
 def _by_hand(bench: FaultyBench) -> None:
-    sensing = Sensing(bench.config, bench.clock, bench.force)
-    sensing.zero = bench.engine.sensing.zero
-    guard = Guard(bench.config, sensing)
-    guard._trips.soft_gwt = SOFT_TRIP_N / GWT_N
-    hand = ByHand(bench.config, bench.stage, bench.clock, guard, lambda at, force_gwt: None, placed=True)
-    assert hand.go(lambda: Direction("z", 1), 5.0, 5.0).ended_by is None
+    """At the known height, and then at an unknown one."""
+    steps = Steps(bench.engine)
+    assert steps.make(UP, 0.1, 5.0).ended_by is None
+    bench.stage.stop()
+    bench.stage.connect()
+    bench.stage.unlock()
+    bench.engine.state = State.UNHOMED
+    assert steps.make(UP, 5.0, 5.0).ended_by is None
 
 
 def _resumed(bench: FaultyBench) -> None:

@@ -1,8 +1,7 @@
-/** Controls that are allowed now: pause, continue, manual control, jog, home, zero, leave. */
+/** Controls that are allowed now: pause, continue, manual control, steps, home, zero, park, leave. */
 
 import { post } from "/static/access.js";
-import { Held } from "/static/held.js";
-import { at, mark, show, write } from "/static/page.js";
+import { at, show, write } from "/static/page.js";
 
 export class Controls {
   /** said(words, code, bad): shows the server's reply; mine(): whether this tab has control and the server responds. */
@@ -10,12 +9,9 @@ export class Controls {
     this.said = said;
     this.mine = mine;
     this.latest = null;
-    this.held = new Held();
     for (const button of document.querySelectorAll("[data-post]")) button.addEventListener("click", () => this.ask(button));
-    for (const button of at("jog").children) this.jogged(button);
+    for (const button of at("directions").children) button.addEventListener("click", () => this.step(button));
     window.addEventListener("keydown", (event) => this.keyDown(event));
-    window.addEventListener("pointerdown", (event) => this.pointerDown(event));
-    window.addEventListener("keyup", (event) => this.held.letGo(event.code));
   }
 
   state(data) {
@@ -26,70 +22,40 @@ export class Controls {
     const name = button.firstChild.textContent.trim();
     const answer = await post(`/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
     this.said(`${name}: ${answer.ok ? (answer.words ?? "accepted") : answer.problem}`, answer.ok ? "understood" : answer.code, !answer.ok);
-    if (button.dataset.post === "zero") show("zero_anyway", !answer.ok && answer.status === 409);
   }
 
-  /** Mouse, touch and pen, and Space or Enter on the button. */
-  jogged(button) {
-    const begin = (event, by) => {
-      event.preventDefault();
-      if (!button.disabled) this.held.press(this.what(button), by);
-    };
-    button.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      button.focus();
-      button.setPointerCapture(event.pointerId);
-      begin(event, button);
-    });
-    for (const name of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(name, () => this.held.letGo(button));
-    button.addEventListener("contextmenu", (event) => event.preventDefault());
-    button.addEventListener("keydown", (event) => {
-      if (event.key !== " " && event.key !== "Enter") return;
-      if (event.repeat) event.preventDefault();
-      else begin(event, button);
-    });
-    button.addEventListener("keyup", (event) => (event.key === " " || event.key === "Enter") && this.held.letGo(button));
+  /** A direction: one step a click, or a press of its key. */
+  async step(button) {
+    const by_mm = Number(document.querySelector("input[name=size]:checked").value);
+    const { axis, sign } = button.dataset;
+    const answer = await post("/step", { axis, sign: Number(sign), by_mm, unix_s: Date.now() / 1000 });
+    if (!answer.ok) this.said(`${button.firstChild.textContent.trim()}: ${answer.problem}`, answer.code, true);
   }
 
-  what(button) {
-    const speed_mm_s = Number(document.querySelector("input[name=speed]:checked").value);
-    return { axis: button.dataset.axis, sign: Number(button.dataset.sign), speed_mm_s };
-  }
-
-  /** A second key of any kind releases: beside Cmd, macOS never reports that a letter was released. */
+  /** One press, one step or one size: the repeats of a held key do nothing. */
   keyDown(event) {
-    const by = this.held.now?.by ?? null;
-    const own = by === event.code || (by === event.target && (event.key === " " || event.key === "Enter"));
-    if (by !== null && !own && !event.repeat) return this.held.release("two_buttons");
-    const button = at("jog").querySelector(`[data-key="${CSS.escape(event.key.toLowerCase())}"]`);
+    if (event.repeat && event.target.closest("#directions")) event.preventDefault(); // Enter on a button
     const typing = event.target.matches("input[type=text]") || event.ctrlKey || event.altKey || event.metaKey;
-    if (button === null || button.disabled || event.repeat || typing || !at("jog").offsetParent) return;
+    if (typing || !at("directions").offsetParent) return;
+    const named = `[data-key="${CSS.escape(event.key.toLowerCase())}"]`;
+    const found = at("hand_controls").querySelector(named);
+    if (found === null || found.disabled) return;
     event.preventDefault();
-    this.held.press(this.what(button), event.code);
-  }
-
-  /** So does a click elsewhere; the menu of its right button would swallow the release of a key. */
-  pointerDown(event) {
-    const by = this.held.now?.by ?? null;
-    if (by !== null && by !== event.target.closest("button")) this.held.release("two_buttons");
+    if (!event.repeat) found.click();
   }
 
   look() {
-    const { latest, held } = this;
+    const { latest } = this;
     const kind = latest?.owner?.kind ?? null;
     const may = this.mine();
     show("run_controls", kind === "run");
     show("hand_controls", kind === "by hand");
     show("idle_controls", latest !== null && kind === null);
+    show("zero_anyway", latest?.hand?.did === "zero" && latest.hand.ended_by !== null);
     for (const button of document.querySelectorAll("[data-post]")) button.disabled = !may || this.refused(button.dataset.post);
-    for (const button of at("jog").children) {
-      button.disabled = !may || this.refused("hold");
-      mark(button, "held", held.now?.what.axis === button.dataset.axis && held.now.what.sign === Number(button.dataset.sign));
-    }
-    if (!may || this.refused("hold")) held.release("not_allowed");
+    for (const button of at("directions").children) button.disabled = !may || this.refused("step");
     const parts = this.saying(kind);
     write("controls_words", parts.map(([, words]) => words).join("; "), parts.map(([code]) => code).join(" "));
-    write("jog_words", held.words, held.code);
   }
 
   /** Whether the server would refuse a request. */
@@ -99,7 +65,7 @@ export class Controls {
     if (what === "pause") return owner?.state !== "running";
     if (what === "go_on") return owner?.state !== "paused";
     if (what === "leave") return false;
-    return Boolean(hand?.stopped && what !== "home") || Boolean(hand?.busy && hand.busy !== "jog");
+    return Boolean(hand?.stopped && what !== "home") || Boolean(hand?.busy);
   }
 
   /** What the controls do now: pairs of code and words. */

@@ -16,10 +16,9 @@ import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
 from rig.devices.base import StageError
 from rig.engine import Engine, Journal, Target
-from rig.engine.dead_man import Direction
-from rig.engine.sensing import Sensing
-from rig.manual import home_and_zero as at_hand
-from rig.manual.jog import Moved
+from rig.engine.jog import Direction, slices
+from rig.engine.steps import MOST_MM
+from rig.manual.session import ManualSession
 from rig.plan.plan import Plan
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
@@ -30,7 +29,7 @@ from rig.session.early_ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, NoAttendant, Session
-from studies.faults.campaign.world import CampaignBench, VirtualWorld
+from studies.faults.campaign.world import VirtualWorld
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
 E = TypeVar("E")
@@ -271,7 +270,7 @@ _CONNECTS = ("jog down",)
 
 
 class HandScenario:
-    """`rig home`, `rig zero` and `rig jog`, each with drivers of its own, as the commands make them."""
+    """`rig home`, `rig zero` and `rig jog --axis`, each with drivers of its own, as the commands make them."""
 
     name = "hand"
 
@@ -280,14 +279,14 @@ class HandScenario:
         self._home(world, "")
         self._zero(world)
         x_mm, height_mm = _far_mm(world)
-        self._jog(world, "", Direction("x", -1), x_mm)
-        self._jog(world, "", Direction("z", -1), height_mm - 0.5)
-        self._jog(world, "jog down", Direction("z", -1), 1.5)
-        self._jog(world, "jog down", Direction("z", -1), 0.2)
-        self._jog(world, "jog up", Direction("z", 1), 1.0)
-        self._jog(world, "jog sideways", Direction("x", -1), 1.0)
-        self._jog(world, "", Direction("z", -1), 1.5)
-        self._jog(world, "", Direction("z", -1), 0.2)
+        self._steps(world, "", Direction("x", -1), x_mm)
+        self._steps(world, "", Direction("z", -1), height_mm - 0.5)
+        self._steps(world, "jog down", Direction("z", -1), 1.5)
+        self._steps(world, "jog down", Direction("z", -1), 0.2)
+        self._steps(world, "jog up", Direction("z", 1), 2.5)
+        self._steps(world, "jog sideways", Direction("x", -1), 1.0)
+        self._steps(world, "", Direction("z", -1), 3.0)
+        self._steps(world, "", Direction("z", -1), 0.2)
         self._home(world, "home by hand")
         return Finished("done", "", None)
 
@@ -299,24 +298,27 @@ class HandScenario:
     def _home(self, world: VirtualWorld, phase: str) -> None:
         world.phase = phase
         with closing(world.connected()) as bench:
-            sensing = Sensing(world.config, world.clock, bench.force)
-            sensing.zero = bench.memory.read().zero
-            at_hand.home(world.config, bench, sensing)
+            ManualSession(world.config, bench, bench.before).home()
         world.phase = ""
 
     def _zero(self, world: VirtualWorld) -> None:
         with closing(world.connected(moves=False)) as bench:
-            sensing = Sensing(world.config, world.clock, bench.force)
-            with _hand(world, bench, sensing) as hand:
-                at_hand.zero(world.config, sensing, hand)
+            session = ManualSession(world.config, bench, bench.before)
+            with session.begun():
+                session.zero()
 
-    def _jog(self, world: VirtualWorld, phase: str, way: Direction, by_mm: float) -> Moved:
-        world.phase = phase if phase in _CONNECTS else ""
-        with closing(world.connected(moves=False)) as bench, _hand(world, bench) as hand:
-            world.phase = phase
-            moved: Moved = hand.go(lambda: way, 2.0, by_mm)
-        world.phase = ""
-        return moved
+    def _steps(self, world: VirtualWorld, phase: str, direction: Direction, by_mm: float) -> None:
+        """Go so far, a command for each step, until one ends early."""
+        for step_mm in slices(by_mm, MOST_MM):
+            world.phase = phase if phase in _CONNECTS else ""
+            with closing(world.connected(moves=False)) as bench:
+                session = ManualSession(world.config, bench, bench.before)
+                with session.begun():
+                    world.phase = phase
+                    found = session.step(direction, step_mm)
+            world.phase = ""
+            if found.ended_by is not None:
+                return
 
 
 def _far_mm(world: VirtualWorld) -> tuple[float, float]:
@@ -325,12 +327,6 @@ def _far_mm(world: VirtualWorld) -> tuple[float, float]:
         at = bench.stage.look()
     frame = world.config.frame
     return at.x_mm - frame.pad_centre_x_mm, at.z_mm - frame.apex_z_mm
-
-
-def _hand(world: VirtualWorld, bench: CampaignBench, sensing: Sensing | None = None) -> Any:
-    bench.stage.connect()
-    sensing = at_hand.feel(sensing or Sensing(world.config, world.clock, bench.force))
-    return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, bench.before)
 
 
 HAND = HandScenario()

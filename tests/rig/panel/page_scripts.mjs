@@ -18,7 +18,8 @@ class Target {
   hear(event, captures = [true, false]) {
     for (const one of [...this.listeners]) if (one.type === event.type && captures.includes(one.capture)) one.handle(event);
   }
-  closest() { return this.tag === "button" ? this : null; }
+  click() { if (!this.disabled) this.hear({ type: "click", target: this }); }
+  closest(selector) { return selector === "#directions" ? (this.dataset.axis ? this : null) : this.tag === "button" ? this : null; }
   matches() { return false; }
   hasAttribute() { return this.hidden; }
   toggleAttribute(_, on) { this.hidden = on; }
@@ -30,15 +31,19 @@ class Target {
 class Scene {
   constructor() {
     Object.assign(this, { now_ms: 1000, timers: new Map(), sent: [], shown: [], last: 0, silent: false, status: 200 });
-    const jog = [["a", "x", -1], ["d", "x", 1], ["w", "z", 1]].map(([key, axis, sign]) => this.button({ key, axis, sign }));
-    this.elements = { jog: new Target({ children: jog }), stop: this.button(), home: this.button({ post: "home" }) };
-    this.speed = new Target({ value: "1" });
+    const ways = [["a", "x", "-1"], ["d", "x", "1"], ["w", "z", "1"]].map(([key, axis, sign]) => this.button({ key, axis, sign }));
+    const sizes = [["3", "0.1"], ["5", "1"]].map(([key, value]) => new Target({ value, dataset: { key }, click: () => (this.size = { value }) }));
+    this.elements = {
+      directions: new Target({ children: ways }), hand_controls: new Target({ children: [...ways, ...sizes] }),
+      stop: this.button(), home: this.button({ post: "home" }),
+    };
+    this.size = sizes[0];
     this.window = new Target();
     this.document = new Target({
       hidden: false,
       documentElement: new Target(),
       getElementById: (id) => (this.elements[id] ??= new Target({ classList: { contains: () => false, toggle() {} } })),
-      querySelector: () => this.speed,
+      querySelector: () => this.size,
       querySelectorAll: () => [this.elements.home],
     });
   }
@@ -91,23 +96,22 @@ class Scene {
     this.window.hear(event, [false]);
   }
 
-  on(name) { return this.elements.jog.querySelector(`[data-key="${name}"]`) ?? this.document.getElementById(name); }
+  on(name) { return this.elements.directions.querySelector(`[data-key="${name}"]`) ?? this.document.getElementById(name); }
 
   async step([what, of]) {
     const key = { key: of, code: of?.length === 1 ? `Key${of.toUpperCase()}` : of };
     if (what === "wait") await this.pass(of);
     else if (what === "hang") this.now_ms += of;
     else if (what === "key down") this.fire(this.elements.body ??= new Target(), "keydown", key);
-    else if (what === "key up") this.fire(this.elements.body, "keyup", key);
+    else if (what === "key repeats") this.fire(this.elements.body, "keydown", { ...key, repeat: true });
     else if (what === "mouse down") this.fire(this.on(of), "pointerdown");
-    else if (what === "mouse up") this.fire(this.on(of), "pointerup");
-    else if (what === "window") this.fire(this.window, of);
-    else if (what === "hidden") (this.document.hidden = true), this.document.hear({ type: "visibilitychange" });
+    else if (what === "click") this.on(of).click();
+    else if (what === "disable") this.on(of).disabled = true;
+    else if (what === "runs shown") this.elements.directions.offsetParent = null;
     else if (what === "silent") this.silent = of;
     else if (what === "status") this.status = of;
     await settled();
-    const held = this.controls.held;
-    this.shown.push({ jog: held.code, moving: held.now !== null, stop: this.on("stop_words").dataset.code ?? null, how: this.on("stop_said").className ?? null });
+    this.shown.push({ said: this.said ?? null, stop: this.on("stop_words").dataset.code ?? null, how: this.on("stop_said").className ?? null });
   }
 }
 
@@ -137,7 +141,7 @@ for (const [name, steps] of Object.entries(JSON.parse(scenes))) {
   Object.defineProperty(globalThis, "navigator", { value: { locks: { request: async (_, __, held) => void held({}) } }, configurable: true });
   await import(`${folder}/stop.js?${name}`);
   const { Controls } = await import(`${folder}/controls.js`);
-  scene.controls = new Controls(() => {}, () => true);
+  scene.controls = new Controls((words, code) => (scene.said = code), () => true);
   scene.sent.length = 0;
   for (const step of steps) await scene.step(step);
   found[name] = { sent: scene.sent, shown: scene.shown };

@@ -9,7 +9,7 @@ from rig.panel.access import FILE_POLICY, PAGE_POLICY
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.stub_panel import HERE, OWN, PORT, TOKEN, StubPanel
 
-ALL = ["/by_hand", "/go_on", "/hold", "/home", "/leave", "/pause", "/release", "/stop", "/take", "/zero"]
+ALL = ["/by_hand", "/go_on", "/home", "/leave", "/park", "/pause", "/step", "/stop", "/take", "/zero"]
 ELSEWHERE = "http://evil.example"
 WRONG: dict[str, dict[str, str | bytes | None]] = {
     "no token": {"x_rig_token": None},

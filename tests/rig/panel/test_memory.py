@@ -139,11 +139,10 @@ def requests_of_a_page(tmp_path: Path, make: Make, there: ExitStack) -> Step:
         raise ControlError("no")
 
     panel = make(Forgetful(), Forgetful(pid=2, kind="by hand", answers={"home": refused}, began_unix_s=1.0))
-    n = itertools.count(1)
 
     def step() -> None:
-        held = {"axis": "x", "sign": 1, "speed_mm_s": 1.0, "press": next(n), "unix_s": 1000.0}
-        codes = [panel.post(f"/{path}", held)[0] for path in ("take", "stop", "hold", "release", "home", "pause")]
+        click = {"axis": "x", "sign": 1, "by_mm": 0.5, "unix_s": 1000.0}
+        codes = [panel.post(f"/{path}", click)[0] for path in ("take", "stop", "step", "park", "home", "pause")]
         assert codes == [200, 200, 200, 200, 503, 409]
 
     return step

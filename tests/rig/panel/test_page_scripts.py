@@ -1,4 +1,4 @@
-"""What the panel's page sends while a direction is held and for STOP, its scripts run by Node.js, without a browser.
+"""What the panel's page sends for a step and for STOP, its scripts run by Node.js, without a browser.
 
 How a browser delivers keys, clicks and touches to them: tests/panel.
 """
@@ -22,7 +22,6 @@ STATIC = Path(rig.panel.__file__).with_name("static")
 PAGE = Path(__file__).with_name("page_scripts.mjs")
 Steps = Sequence[tuple[str, object]]
 Walk = Callable[..., dict[str, Any]]
-HOLD: Steps = [("key down", "d"), ("wait", 350)]
 
 
 @pytest.fixture
@@ -44,72 +43,42 @@ def _sent(scene: dict[str, Any], path: str) -> list[dict[str, Any]]:
     return [one for one in scene["sent"] if one["path"] == path]
 
 
-def _let_go(name: str, scene: dict[str, Any]) -> None:
-    """Released once, and nothing held after it."""
-    paths = [one["path"] for one in scene["sent"] if one["path"] in ("/hold", "/release")]
-    assert paths[-1] == "/release", name
-    assert paths.count("/release") == 1, name
-    assert _sent(scene, "/release")[0]["body"] == {"press": _sent(scene, "/hold")[-1]["body"]["press"]}, name
-    assert not scene["shown"][-1]["moving"], name
+KEYS: Steps = [("key down", "d"), *[("key repeats", "d")] * 40]
 
 
-def test_a_direction_is_sent_ten_times_a_second_only_while_its_button_or_key_is_held(walk: Walk) -> None:
+def test_a_click_or_a_key_is_one_step_of_the_chosen_size(walk: Walk) -> None:
+    """The repeats of a held key do nothing, and a size has a key, too."""
     scenes: dict[str, Steps] = {
-        "key": [*HOLD, ("key up", "d"), ("wait", 1000)],
-        "mouse": [("mouse down", "d"), ("wait", 350), ("mouse up", "d"), ("wait", 1000)],
+        "key": [*KEYS, ("wait", 1000)],
+        "mouse": [("click", "d"), ("wait", 1000)],
+        "another size": [("key down", "5"), ("key down", "d")],
     }
     for name, scene in walk(scenes).items():
-        held = _sent(scene, "/hold")
-        assert [one["at_ms"] for one in held] == [0, 100, 200, 300], name
-        assert {(one["body"]["axis"], one["body"]["sign"], one["body"]["speed_mm_s"]) for one in held} == {
-            ("x", 1, 1)
-        }
-        assert _sent(scene, "/release")[0]["at_ms"] == 350, name
-        _let_go(name, scene)
+        (step,) = _sent(scene, "/step")
+        assert step["body"].pop("unix_s") > 1e9, name
+        by_mm = 1.0 if name == "another size" else 0.1
+        assert step["body"] == {"axis": "x", "sign": 1, "by_mm": by_mm}, name
+        assert [one["path"] for one in scene["sent"]] == ["/step"], name
 
 
-DOUBTS: dict[str, tuple[Steps, str]] = {
-    "another direction": ([("key down", "w")], "two_buttons"),
-    "any letter": ([("key down", "q")], "two_buttons"),
-    "Cmd": ([("key down", "Meta")], "two_buttons"),
-    "STOP": ([("key down", "Escape")], "two_buttons"),
-    "the mouse on another direction": ([("mouse down", "w")], "two_buttons"),
-    "the mouse on its own direction": ([("mouse down", "d")], "two_buttons"),
-    "a click elsewhere": ([("mouse down", "home")], "two_buttons"),
-    "another window": ([("window", "blur")], "another_window"),
-    "the page is left": ([("window", "pagehide")], "page_left"),
-    "another tab": ([("hidden", None)], "tab_hidden"),
-    "a page that hangs": ([("hang", 1000), ("wait", 1)], "page_too_slow"),
-    "a refusal": ([("status", 409), ("wait", 100)], "refused"),
-}
+def test_a_direction_that_is_disabled_or_not_shown_sends_nothing(walk: Walk) -> None:
+    for scene in walk({"busy": [("disable", "d"), *KEYS], "runs": [("runs shown", None), *KEYS]}).values():
+        assert scene["sent"] == []
 
 
-def test_a_second_key_a_click_elsewhere_another_window_or_a_stalled_page_lets_go(walk: Walk) -> None:
-    after: Steps = [("status", 200), ("wait", 1000)]
-    found = walk({name: [*HOLD, *steps, *after] for name, (steps, _) in DOUBTS.items()})
-    finger: Steps = [("mouse down", "d"), ("wait", 350), ("mouse down", "d"), *after]
-    _let_go("two fingers", walk({"two fingers": finger})["two fingers"])
-    for name, (_, code) in DOUBTS.items():
-        assert found[name]["shown"][1] == {"jog": "moving", "moving": True, "stop": None, "how": None}, name
-        assert found[name]["shown"][-1]["jog"] == code, name
-        assert {one["body"]["axis"] for one in _sent(found[name], "/hold")} == {"x"}, name
-        _let_go(name, found[name])
-
-
-def test_a_hold_that_is_not_answered_is_not_followed_by_another(walk: Walk) -> None:
-    """What waited in a queue would move the stage after the release."""
-    (scene,) = walk({"silent": [("silent", True), *HOLD, ("key up", "d")]}).values()
-    assert [one["path"] for one in scene["sent"]] == ["/hold", "/release"]
+def test_a_step_that_is_refused_is_shown(walk: Walk) -> None:
+    (scene,) = walk({"refused": [("status", 409), ("click", "d"), ("wait", 1)]}).values()
+    assert scene["shown"][-1]["said"] == "refused"
 
 
 STOPS: dict[str, Steps] = {"button": [("mouse down", "stop")], "key": [("key down", "Escape")]}
 
 
 def test_stop_is_sent_first_and_repeated_until_it_is_answered(walk: Walk) -> None:
-    """By the page at once and by its worker; beside a held direction too."""
+    """By the page at once and by its worker; beside a held key too."""
     after: Steps = [("wait", 2000), ("silent", False), ("wait", 300), ("wait", 1000)]
     scenes: dict[str, Steps] = {
-        f"{name}, {held}": [*(HOLD if held else []), ("silent", True), *steps, *after]
+        f"{name}, {held}": [*(KEYS if held else []), ("silent", True), *steps, *after]
         for name, steps in STOPS.items()
         for held in (False, True)
     }
@@ -117,7 +86,7 @@ def test_stop_is_sent_first_and_repeated_until_it_is_answered(walk: Walk) -> Non
         stops = _sent(scene, "/stop")
         begun_ms = stops[0]["at_ms"]
         at_the_press = [one["path"] for one in scene["sent"] if one["at_ms"] == begun_ms]
-        assert at_the_press == ["/stop", "/stop", "/release"][: 3 if "True" in name else 2], name
+        assert at_the_press[-2:] == ["/stop", "/stop"], name
         assert [one["by"] for one in stops[:2]] == ["page", "worker"], name
         again_ms = [one["at_ms"] for one in stops[1:]]
         assert {later - one for one, later in pairwise(again_ms)} == {300}, name

@@ -10,7 +10,7 @@ import rig.panel.requests as posts
 from rig.control.client import ControlError, RefusedError
 from rig.control.stop import SentStop
 from rig.panel.owners import GONE_S, STOP_S, NotTakenError
-from rig.panel.requests import MOST_BYTES, HeldButton, RequestError
+from rig.panel.requests import MOST_BYTES, RequestError, StepButton
 from tests.error_codes import raises
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.stub_panel import OWN, StubOwner, StubPanel
@@ -18,9 +18,10 @@ from tests.waiting import DEADLINE_S, until
 
 Make = Callable[..., StubPanel]
 
-HOLD = {"axis": "x", "sign": 1, "speed_mm_s": 1.5, "press": 7, "unix_s": 1000.0}
-OF_THE_RUN, OF_THE_BENCH = ["pause", "go_on"], ["home", "zero", "leave", "hold", "release"]
-BODIES: dict[str, Any] = {"hold": HOLD, "release": {"press": 7}}
+STEP = {"axis": "x", "sign": 1, "by_mm": 0.5}
+CLICK = {**STEP, "unix_s": 1000.0}
+OF_THE_RUN, OF_THE_BENCH = ["pause", "go_on"], ["home", "zero", "park", "leave", "step"]
+BODIES: dict[str, Any] = {"step": CLICK}
 ALL = ["by_hand", "stop", "take", *OF_THE_RUN, *OF_THE_BENCH]
 
 
@@ -83,33 +84,30 @@ def test_a_tab_has_a_name(path: str, panel: StubPanel) -> None:
         ({"sign": 2}, "unknown_choice"),
         ({"sign": True}, "unknown_choice"),
         ({"sign": 1.0}, "unknown_choice"),
-        ({"speed_mm_s": 0}, "not_positive"),
-        ({"speed_mm_s": -1}, "not_positive"),
-        ({"speed_mm_s": "1"}, "not_a_number"),
-        ({"speed_mm_s": True}, "not_a_number"),
-        ({"speed_mm_s": None}, "not_a_number"),
+        ({"by_mm": 0}, "unknown_choice"),
+        ({"by_mm": -1}, "unknown_choice"),
+        ({"by_mm": 5.5}, "unknown_choice"),
+        ({"by_mm": "1"}, "not_a_number"),
+        ({"by_mm": True}, "not_a_number"),
+        ({"by_mm": None}, "not_a_number"),
         ({"unix_s": "now"}, "not_a_number"),
         ({"unix_s": -1e13}, "not_a_number"),
-        ({"press": 1.5}, "not_whole"),
-        ({"press": -1}, "not_whole"),
-        ({"press": True}, "not_whole"),
-        ({"press": None}, "not_whole"),
     ],
     ids=str,
 )
 def test_a_button_that_is_not_understood_moves_nothing(wrong: dict[str, Any], code: str, make: Make) -> None:
     panel = make(by_hand())
-    assert panel.refused("/hold", {**HOLD, **wrong}) == (400, code)
+    assert panel.refused("/step", {**CLICK, **wrong}) == (400, code)
     assert panel.owners[0].asked == []
     with raises(RequestError, code, key=next(iter(wrong))):
-        HeldButton.of({**HOLD, **wrong})
+        StepButton.of({**CLICK, **wrong})
 
 
 def test_numbers_beyond_all_numbers_are_refused(make: Make) -> None:
     panel = make(by_hand())
     for speed in (b"1e999", b"1000000000001", b"-1e999", b"9" * 400):
-        body = b'{"axis": "x", "sign": 1, "press": 1, "unix_s": 1000, "speed_mm_s": ' + speed + b"}"
-        assert panel.refused("/hold", body) == (400, "not_a_number"), speed
+        body = b'{"axis": "x", "sign": 1, "unix_s": 1000, "by_mm": ' + speed + b"}"
+        assert panel.refused("/step", body) == (400, "not_a_number"), speed
     assert panel.refused("/zero", {"anyway": 1}) == (400, "not_a_flag")
     assert panel.owners[0].asked == []
 
@@ -130,9 +128,9 @@ def test_a_run_is_asked_for_what_is_its_own(path: str, panel: StubPanel) -> None
         ("leave", {}, {}),
         ("zero", {}, {"anyway": False}),
         ("zero", {"anyway": True}, {"anyway": True}),
-        ("hold", HOLD, {"tab": "a", **HOLD}),
-        ("hold", HOLD | {"axis": "z", "sign": -1}, {"tab": "a", **HOLD, "axis": "z", "sign": -1}),
-        ("release", {"press": 7}, {"tab": "a", "press": 7}),
+        ("park", {}, {}),
+        ("step", CLICK, {"tab": "a", **STEP}),
+        ("step", CLICK | {"axis": "z", "sign": -1}, {"tab": "a", **STEP, "axis": "z", "sign": -1}),
     ],
     ids=str,
 )
@@ -382,71 +380,28 @@ def test_what_is_asked_for_waits_behind_nothing(make: Make) -> None:
     assert ("go_on", {}) not in panel.owners[0].asked
 
 
-# --- jogging ---
+# --- steps ---
 
 
-@pytest.mark.parametrize(("late_s", "code"), [(0.0, 200), (0.25, 200), (0.26, 409), (-0.25, 200), (-0.26, 409)])
-def test_a_hold_that_waited_somewhere_moves_nothing(late_s: float, code: int, make: Make) -> None:
+@pytest.mark.parametrize(("late_s", "code"), [(0.0, 200), (0.5, 200), (0.51, 409), (-0.5, 200), (-0.51, 409)])
+def test_a_click_that_waited_somewhere_moves_nothing(late_s: float, code: int, make: Make) -> None:
     panel = make(by_hand())
-    status, answer = panel.post("/hold", HOLD | {"unix_s": 1000.0 - late_s})
+    status, answer = panel.post("/step", CLICK | {"unix_s": 1000.0 - late_s})
     assert (status, answer.get("code")) == (code, None if code == 200 else "too_old")
     assert bool(panel.owners[0].asked) is (code == 200)
 
 
-def test_a_press_that_was_let_go_moves_nothing_any_more(make: Make) -> None:
+def test_a_step_that_the_bench_refuses_is_told_in_its_words(make: Make) -> None:
+    panel = make(by_hand(answers={"step": RefusedError("busy: step", "busy")}))
+    assert panel.post("/step", CLICK)[1]["problem"] == "busy: step"
+    assert panel.refused("/step", CLICK) == (409, "busy")
+
+
+def test_another_tab_moves_nothing(make: Make) -> None:
     panel = make(by_hand())
-    assert panel.post("/hold", HOLD)[0] == 200
-    assert panel.post("/release", {"press": 7})[0] == 200
-    over = (409, "let_go")
-    assert panel.refused("/hold", HOLD) == over
-    assert panel.refused("/hold", HOLD | {"press": 6}) == over
-    assert panel.post("/hold", HOLD | {"press": 8})[0] == 200
-    assert panel.post("/release", {"press": 0})[0] == 200
-    assert panel.refused("/hold", HOLD) == over
-    assert [do for do, _ in panel.owners[0].asked] == ["hold", "release", "hold", "release"]
-
-
-def test_a_press_that_was_refused_is_over(make: Make) -> None:
-    for error in (RefusedError("touched"), ControlError("process 1 does not answer within 0.2 s")):
-        panel = make(by_hand(answers={"hold": error}))
-        assert panel.post("/hold", HOLD)[1]["problem"] == str(error)
-        assert panel.refused("/hold", HOLD) == (409, "let_go")
-        assert len(panel.owners[0].asked) == 1
-
-
-def test_another_tab_s_buttons_are_its_own(make: Make) -> None:
-    panel = make(by_hand())
-    panel.post("/release", {"press": 100}, tab="a")
-    assert panel.post("/hold", HOLD, tab="a")[0] == 409
     panel.post("/take", tab="a")
-    assert panel.post("/hold", HOLD, tab="a")[0] == 409
-    panel.post("/take", tab="b")
-    assert panel.post("/hold", HOLD, tab="b")[0] == 200
-
-
-def test_three_holds_at_most_are_on_their_way(make: Make) -> None:
-    """Those that a slow owner has not answered do not queue behind one another."""
-    free, begun = threading.Event(), threading.Barrier(4)
-
-    def slow() -> dict[str, Any]:
-        begun.wait(DEADLINE_S)
-        assert free.wait(DEADLINE_S)
-        return {"ok": True}
-
-    panel = make(by_hand(answers={"hold": slow}))
-    first: list[tuple[int, Any]] = []
-    waiting = [threading.Thread(target=lambda: first.append(panel.post("/hold", HOLD))) for _ in range(3)]
-    for one in waiting:
-        one.start()
-    begun.wait(DEADLINE_S)
-    assert panel.refused("/hold", HOLD) == (503, "busy")
-    free.set()
-    for one in waiting:
-        one.join(DEADLINE_S)
-    assert [code for code, _ in first] == [200, 200, 200]
-    assert len(panel.owners[0].asked) == 3
-    del panel.owners[0].answers["hold"]
-    assert panel.post("/hold", HOLD)[0] == 200
+    assert panel.post("/step", CLICK, tab="b")[0] == 409
+    assert panel.owners[0].asked == []
 
 
 # --- the bench ---

@@ -161,12 +161,12 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     new = {"columns": ["t_s", *HAND.columns[2:], "unix_s"], "next": 12, "rows": [[3.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]}
     status = {
         "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": 0.5, "height_mm": 3.0,
-        "read_unix_s": 100.0, "read_t_s": 3.0, "seen_unix_s": 101.0, "busy": "jog", "readings": new,
+        "read_unix_s": 100.0, "read_t_s": 3.0, "seen_unix_s": 101.0, "busy": "step", "readings": new,
     }  # fmt: skip
     assert bench.update(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
     assert bench.since == 12
     assert bench.newest_state(101.5) == {
-        "force_gwt": 1.5, "force_n": 1.5 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": 3.0, "phase": "jog",
+        "force_gwt": 1.5, "force_n": 1.5 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": 3.0, "phase": "step",
         "t_s": 3.0, "age_s": 1.5,
     }  # fmt: skip
     assert bench.newest_state(99.0)["age_s"] == 0.0

@@ -29,8 +29,8 @@ def jog(rig: Rig, config: Path, by_mm: float, *more: str) -> Any:
 def down_to_the_finger(rig: Rig, config: Path) -> Any:
     """As a person would: where a busy machine solves the finger too late for the balance, press again."""
     for _ in range(10):
-        ended = jog(rig, config, -3.8 if ended_at(rig, config) > -3 else -0.5)
-        if "cannot answer SI now" not in ended.err:
+        ended = jog(rig, config, -2.0 if ended_at(rig, config) > -2.5 else -0.5)
+        if ended.code and "cannot answer SI now" not in ended.err:
             return ended
     raise AssertionError("ten times no reading")
 
@@ -45,6 +45,8 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     assert rig("home", "--config", bench, "--json").code == 0
     assert rig("zero", "--config", bench, "--json").code == 0
     refused = jog(rig, bench, -20)
+    assert (refused.code, refused.json["code"]) == (2, "outside_range")
+    refused = jog(rig, bench, -5)
     assert refused.code == 1
     assert "limits.max_doi_mm = 1.5" in refused.json["error_text"]
     assert refused.json["code"] == "too_deep"

@@ -1,9 +1,8 @@
-"""`rig jog`: by a distance, by held keys, and when the process goes."""
+"""`rig jog`: by a distance, by keys, and when the process goes."""
 
 import signal
 import subprocess
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,13 +10,15 @@ from typing import Any
 
 import pytest
 
+from rig.clock import WallClock
 from tests.preloaded import Popen
-from tests.waiting import DEADLINE_S, repeated, until
+from tests.waiting import DEADLINE_S, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
 Rig = Callable[..., Any]
 FreeStage = Any  # of conftest.py
+CLOCK = WallClock()
 
 
 def test_jog_by_a_distance(rig: Rig, free_stage: FreeStage) -> None:
@@ -46,7 +47,7 @@ def jogging(config: Path, speed_mm_s: float) -> Iterator[subprocess.Popen[bytes]
     )  # fmt: skip
     try:
         assert jog.stderr is not None
-        for said in (b"without the force sensor", b"hold d"):  # beside progress
+        for said in (b"without the force sensor", b"d/a steps"):  # beside progress
             assert any(said in line for line in iter(jog.stderr.readline, b""))
         yield jog
     finally:
@@ -54,46 +55,34 @@ def jogging(config: Path, speed_mm_s: float) -> Iterator[subprocess.Popen[bytes]
         jog.communicate()
 
 
-def hold_key(jog: subprocess.Popen[bytes], key: bytes, until_this: Callable[[], bool]) -> None:
-    """As a keyboard repeats it."""
+def press(jog: subprocess.Popen[bytes], keys: bytes) -> None:
     assert jog.stdin is not None
-    for _ in repeated(0.03):
-        jog.stdin.write(key)
-        jog.stdin.flush()
-        if until_this():
-            return
+    jog.stdin.write(keys)
+    jog.stdin.flush()
 
 
-def test_a_held_key_moves_and_a_released_one_stops(free_stage: FreeStage) -> None:
-    """After the release 0.15 s go by, with two slices of 0.1 s ahead of the stage at either end, all at 2 mm/s."""
+def test_each_key_makes_a_step_and_q_ends_it(free_stage: FreeStage) -> None:
     with jogging(free_stage.config, 2.0) as jog:
-        hold_key(jog, b"a", lambda: free_stage.x_mm() < -0.5)
-        released_mm = free_stage.x_mm()
-        until(at_rest(free_stage))
+        press(jog, b"4")
+        for to_mm in (-0.5, -1.0):
+            CLOCK.wait_s(0.3)
+            press(jog, b"a")
+            until(lambda to_mm=to_mm: free_stage.x_mm() == pytest.approx(to_mm, abs=0.003))
         out, err = jog.communicate(b"q", timeout=DEADLINE_S)
     assert jog.returncode == 0, err
     assert b"state       Idle" in out
-    assert released_mm - 2.0 * (0.15 + 4 * 0.1) < free_stage.x_mm() <= released_mm
+    assert free_stage.x_mm() == pytest.approx(-1.0, abs=0.003)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
-def test_the_stage_stops_when_the_process_goes(free_stage: FreeStage, number: signal.Signals) -> None:
-    """Even when it is killed: no more than two slices, 2 · 4 mm/s · 0.1 s, lay ahead of where the stage was."""
+def test_a_process_that_goes_in_a_step_leaves_that_step(free_stage: FreeStage, number: signal.Signals) -> None:
+    """Killed, it cannot end the step: the board does, after 5 mm at most."""
     with jogging(free_stage.config, 4.0) as jog:
-        hold_key(jog, b"a", lambda: free_stage.x_mm() < -0.5)
+        press(jog, b"6")
+        CLOCK.wait_s(0.3)
+        press(jog, b"a")
+        until(lambda: free_stage.x_mm() < -0.5)
         jog.send_signal(number)
         jog.communicate(timeout=DEADLINE_S)
-    at_death_mm = free_stage.x_mm()
     until(lambda: free_stage.state() == "Idle")
-    assert at_death_mm - 0.8 - 0.01 < free_stage.x_mm() <= at_death_mm
-
-
-def at_rest(stage: FreeStage) -> Callable[[], bool]:
-    """Whether it has been where it is for a second, longer than its slices last."""
-    seen: deque[float] = deque(maxlen=100)  # one every 10 ms
-
-    def still() -> bool:
-        seen.append(stage.x_mm())
-        return len(seen) == seen.maxlen and len(set(seen)) == 1
-
-    return still
+    assert -5.003 < free_stage.x_mm() < -0.5

@@ -1,6 +1,5 @@
 """The bench by hand through the panel: over HTTP, its own process and the wires, to a board and a balance."""
 
-import threading
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -11,35 +10,14 @@ from rig.clock import WallClock
 from rig.control.client import announced
 from rig.panel.app import Panel
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
-from tests.waiting import DEADLINE_S, until
+from tests.waiting import until
 
 __all__ = ["serve"]  # a fixture
 
 
-class Button:
-    """One that is held down, said ten times a second by a thread of its own until it is let go.
-
-    On a busy machine a hold may be too late: then it is pressed anew, as a person would.
-    """
-
-    def __init__(self, panel: Panel, axis: str, sign: int, press: int) -> None:
-        self._panel, self._about = panel, {"axis": axis, "sign": sign, "speed_mm_s": 2.0}
-        self.press, self.heard = press, 0
-        self._up = threading.Event()
-        self._thread = threading.Thread(target=self._held)
-        self._thread.start()
-
-    def _held(self) -> None:
-        clock = WallClock()
-        while not self._up.is_set():
-            code, _ = post(self._panel, "/hold", {**self._about, "press": self.press, "unix_s": clock.unix_s()})
-            self.heard += code == 200
-            self.press += code != 200
-            clock.wait_s(0.1)
-
-    def up(self) -> None:
-        self._up.set()
-        self._thread.join(DEADLINE_S)
+def step(panel: Panel, by_mm: float) -> tuple[int, Any]:
+    about = {"axis": "x", "sign": 1 if by_mm > 0 else -1, "by_mm": abs(by_mm)}
+    return post(panel, "/step", {**about, "unix_s": WallClock().unix_s()})
 
 
 def hand(page: Stream, look: Any) -> dict[str, Any]:
@@ -70,19 +48,14 @@ def test_a_person_works_through_the_panel(apart: tuple[str, str, Path], serve: S
         assert post(panel, "/zero", {"anyway": True})[0] == 200
         hand(page, lambda told: told["zeroed"] and told["busy"] is None)
 
-        button = Button(panel, "x", -1, press=1)
-        hand(page, lambda told: (told["x_mm"] or homed["x_mm"]) < homed["x_mm"] - 0.2)
-        button.up()  # and nothing is said any more: as where a page has gone
-        rest = hand(page, lambda told: told["busy"] is None)
-        assert rest["x_mm"] < homed["x_mm"]
-        assert post(panel, "/release", {"press": button.press})[0] == 200
-        assert button.heard > 0
+        assert step(panel, -1.0)[0] == 200
+        assert step(panel, -1.0)[0] == 409, "none is queued"
+        rest = hand(page, lambda told: told["busy"] is None and (told["x_mm"] or 0.0) < homed["x_mm"] - 0.9)
+        assert rest["x_mm"] == pytest.approx(homed["x_mm"] - 1.0, abs=0.003)
 
         assert post(panel, "/stop", tab="another")[0] in (200, 503)
         assert hand(page, lambda told: told["stopped"])["homed"] is False
-        refused = post(panel, "/hold", {"axis": "x", "sign": 1, "speed_mm_s": 1.0, "press": 999,
-                                        "unix_s": WallClock().unix_s()})  # fmt: skip
-        assert refused[0] == 409
+        assert step(panel, 1.0)[0] == 409
 
         assert post(panel, "/leave")[0] == 200
         assert announced() == []

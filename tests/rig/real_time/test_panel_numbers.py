@@ -17,7 +17,7 @@ from tests.waiting import DEADLINE_S
 
 __all__ = ["serve"]  # a fixture
 
-HOLD = {"axis": b'"x"', "sign": b"1", "speed_mm_s": b"1.5", "press": b"7", "unix_s": b"1000"}
+STEP = {"axis": b'"x"', "sign": b"1", "by_mm": b"1", "unix_s": b"0"}
 WRONG = {
     "5 000 digits": b"9" * 5000,
     "4 000 digits": b"9" * 4000,
@@ -35,7 +35,6 @@ WRONG = {
 """What is no number, or no number that is understood there."""
 UNDERSTOOD = {
     ("sign", "negative"),
-    ("speed_mm_s", "a float"),
     ("unix_s", "a float"),
     ("unix_s", "negative"),
     ("length of a piece", "20 digits"),  # hexadecimal, as the next one
@@ -73,21 +72,16 @@ def _piece(panel: Panel, *values: bytes) -> bytes:
     return _request(panel, "POST /take", pieces + b"0\r\n\r\n", b"Transfer-Encoding: chunked")
 
 
-def _release(panel: Panel, *values: bytes) -> bytes:
-    return _posted(panel, "/release", _object(*(("press", value) for value in values)))
-
-
-def _held(key: str) -> Callable[..., bytes]:
-    others = [(name, value) for name, value in HOLD.items() if name != key]
-    return lambda panel, *values: _posted(panel, "/hold", _object(*others, *((key, value) for value in values)))
+def _step(key: str) -> Callable[..., bytes]:
+    others = [(name, value) for name, value in STEP.items() if name != key]
+    return lambda panel, *values: _posted(panel, "/step", _object(*others, *((key, value) for value in values)))
 
 
 NUMBERS: dict[str, Callable[..., bytes]] = {
     "limit": _limit,
     "content-length": _length,
     "length of a piece": _piece,
-    "press of a release": _release,
-    **{key: _held(key) for key in ("sign", "speed_mm_s", "press", "unix_s")},
+    **{key: _step(key) for key in ("sign", "by_mm", "unix_s")},
 }
 """A request with these values of the number, by the name of the number."""
 TWICE = dict.fromkeys(NUMBERS, (b"1", b"2")) | {"length of a piece": (b"2", b"-2")}
@@ -124,8 +118,8 @@ def test_every_number_in_a_request_is_refused_in_one_line_unless_it_is_understoo
 
 def test_every_number_in_a_request_is_walked() -> None:
     source = "".join(inspect.getsource(module) for module in (requests, run_files, access, app))
-    named = set(re.findall(r'\b(?:number|whole|whole_of_text)\("([\w-]+)"', source))
-    assert named | {"sign", "length of a piece", "press of a release"} == set(NUMBERS)
+    named = set(re.findall(r'\b(?:number|whole_of_text)\("([\w-]+)"', source))
+    assert named | {"sign", "length of a piece"} == set(NUMBERS)
 
 
 def test_a_request_that_ends_before_its_length_is_no_error_of_the_panel(

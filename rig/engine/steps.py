@@ -1,0 +1,401 @@
+"""Steps of manual control: one bounded motion at a time through the engine, ended by a touch.
+
+Where the stage is homed, a step is a motion of the engine as in a script. Where it is not, the height is unknown: a
+step is made of short jogs from rest, and down of single increments, as below clearance.
+"""
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from rig.devices.base import MoveError, StageError
+from rig.engine.contact import KnownContact
+from rig.engine.engine import Engine, State
+from rig.engine.jog import DOWN, UP, Direction, jogging, lift_from_rest, slices
+from rig.engine.limits import AT_MM, TRIP_MARGIN, SidewaysLimit, late_reading_s, park_height_mm
+from rig.engine.motion import Check, InterruptedMotionError, Outcome
+from rig.engine.press import FrozenReading
+from rig.engine.sensing import NoReadingError, zero_readings_gwt
+from rig.engine.verbs import go_sideways
+from rig.engine.watch import Watch
+from rig.errors import LimitError, NotReadyError, RigError, TripError
+from rig.records import NO_PRESS
+from rig.transport.wire import TransportError
+from rig.units import GWT_N
+
+MOST_MM = 5.0
+"""Longest step (mm)."""
+
+_TINY_MM = 1e-6
+_LATE_FACTOR = 2.0  # A jog may take this multiple of its nominal duration before the heartbeat is lost.
+_PLAIN_WATCH = Watch()
+_LOST_INCREMENTS = 2.0  # Farther below a touch, a force must still be there.
+
+
+@dataclass(frozen=True)
+class StepEnd:
+    """State of contact after a step, last force (gwt; None: no reading), and what ended the step early."""
+
+    known: KnownContact
+    force_gwt: float | None
+    ended_by: RigError | None = None
+
+
+@dataclass
+class _Descent:
+    """Way down in consecutive steps: what a touch, a lost finger and a frozen reading are judged from.
+
+    A touch counts from the force in the air, so that a drift of an old zero does not hide it.
+    """
+
+    engine: Engine
+    air_gwt: float
+    rest_gwt: float  # at the last rest
+    made_mm: float = 0.0
+    touched_mm: float | None = None  # way down to the touch
+    stiffness_gwt_mm: float = 0.0  # of the last increment
+    frozen: FrozenReading = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.frozen = FrozenReading(self.engine.sensing.resolution_gwt)
+
+    @property
+    def room_mm(self) -> float:
+        """Way down (mm) to nine tenths of the soft trip, at the stiffness of the last increment."""
+        increment_mm = self.engine.settings.habits.increment_mm
+        if self.stiffness_gwt_mm <= 0:
+            return increment_mm
+        left_gwt = max(TRIP_MARGIN * self.engine.trips.lowest_gwt - self.rest_gwt, 0.0)
+        return min(left_gwt / self.stiffness_gwt_mm, increment_mm)
+
+    def touched(self, force_gwt: float) -> InterruptedMotionError | None:
+        """Return the first touch of this way down, else None."""
+        grown_gwt = force_gwt - self.air_gwt
+        if self.touched_mm is not None or grown_gwt < self.engine.sensing.touch_gwt:
+            return None
+        self.touched_mm = self.made_mm
+        return InterruptedMotionError(
+            f"touched, {grown_gwt:.2f} gwt more than before; step down again to continue", "touched", force_gwt
+        )
+
+    def goes_on(self, force_gwt: float, by_mm: float) -> InterruptedMotionError | None:
+        """Judge the force at rest after an increment; return the first touch. Trips for a reading of no finger."""
+        before_gwt, self.rest_gwt = self.rest_gwt, force_gwt
+        self.made_mm += by_mm
+        if refused := self._no_finger(before_gwt, force_gwt, by_mm):
+            self.engine.trip(refused, force_gwt)
+        if force_gwt - before_gwt > 0.5 * self.engine.sensing.resolution_gwt:
+            self.stiffness_gwt_mm = (force_gwt - before_gwt) / by_mm
+        return self.touched(force_gwt)
+
+    def _no_finger(self, before_gwt: float, force_gwt: float, by_mm: float) -> TripError | None:
+        """Return the trip of a pull, and of a sensor that showed a touch and no longer answers to it."""
+        touch_gwt, increment_mm = self.engine.sensing.touch_gwt, self.engine.settings.habits.increment_mm
+        if force_gwt <= self.air_gwt - touch_gwt:
+            words = f"the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
+            return TripError(words, "reads_backwards")
+        if self.touched_mm is None:
+            return None
+        below_mm = self.made_mm - self.touched_mm
+        if below_mm > _LOST_INCREMENTS * increment_mm + _TINY_MM and force_gwt - self.air_gwt < touch_gwt:
+            words = f"{force_gwt:.2f} gwt, {below_mm:.2f} mm below a touch; check for a frozen reading"
+            return TripError(words, "lost_finger")
+        # A touch found in a longer motion has no stiffness yet; it is at least the touch force per increment.
+        stiffness_gwt_mm = self.stiffness_gwt_mm or touch_gwt / increment_mm
+        if self.frozen.stays(force_gwt, stiffness_gwt_mm * by_mm, 1, before_gwt):
+            words = f"the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading"
+            return TripError(words, "frozen")
+        return None
+
+
+def resume_position(engine: Engine) -> None:
+    """Begin at the position of a stage that an earlier process homed. Raises StageError, TransportError."""
+    engine.motion.set_position(engine.bench.stage.status())
+    limits = engine.settings.limits
+    engine.state = State.READY
+    if engine.contact.may_touch or engine.height_mm < engine.settings.habits.clearance_mm - AT_MM:
+        engine.state, engine.contact = State.IN_CONTACT, replace(engine.contact, may_touch=True)
+    engine.limit_depth(-limits.search_mm - limits.max_doi_mm)
+
+
+class Steps:
+    """Steps of one engine.
+
+    Up is free, unless the force grows. Down ends at the first touch; the next step goes on from there, up to the soft
+    trip. Sideways begins only where a measurement at rest shows no touch; a touch trips, which lifts.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, self._stage = engine, engine.bench.stage
+        self._descent: _Descent | None = None
+
+    def forget(self) -> None:
+        """Forget the last touch, since the zero has changed."""
+        self._descent = None
+
+    def make(self, direction: Direction, by_mm: float, speed_mm_s: float) -> StepEnd:
+        """Make a step at up to a speed; return what ended it early, a trip included.
+
+        Raises LimitError or NotReadyError if nothing was moved, StageError, TransportError.
+        """
+        force_gwt = self._force_before(up=direction == UP)
+        if direction == UP:
+            self._descent = None
+            return self._ended(lambda: self._up(by_mm, speed_mm_s))
+        assert force_gwt is not None
+        if direction == DOWN:
+            self._refuse_depth(by_mm)
+            return self._ended(lambda: self._down(by_mm, speed_mm_s, force_gwt))
+        self._descent = None
+        self._refuse_contact()
+        return self._ended(lambda: self._aside(direction, by_mm, speed_mm_s))
+
+    def park(self, speed_mm_s: float) -> StepEnd:
+        """Lift to the park height. Raises as `make`."""
+        engine = self._engine
+        self._force_before(up=True)
+        if not self._stage.homed:
+            raise NotReadyError("park: heights are unknown; home first", "not_homed")
+        self._descent = None
+        left_mm = engine.settings.habits.park_height_mm - engine.height_mm
+        return self._ended(lambda: self._up(left_mm, speed_mm_s) if left_mm > AT_MM else None)
+
+    def contact(self) -> StepEnd:
+        """Measure the state of contact at rest. Raises StageError, TransportError."""
+        engine, sensing = self._engine, self._engine.sensing
+        clear = self._stage.homed and engine.height_mm >= engine.settings.habits.clearance_mm - AT_MM
+        if clear and sensing.absolute and (engine.contact.may_touch or not engine.is_lifted):
+            known = engine.measure_contact()
+            force_gwt = known.force_gwt
+        else:
+            force_gwt = None
+            with suppress(NoReadingError):
+                force_gwt = sensing.settled().force_n / GWT_N
+            # Changes from a provisional zero are no forces.
+            known = engine.record_contact(force_gwt if sensing.absolute else None)
+        if not known.may_touch and engine.state is State.IN_CONTACT:
+            engine.enter_clearance()
+        return StepEnd(known, force_gwt)
+
+    def _ended(self, motion: Callable[[], RigError | None]) -> StepEnd:
+        engine = self._engine
+        try:
+            ended_by: RigError | None = motion()
+        except TripError as trip:
+            ended_by = trip
+        except MoveError as error:
+            raise LimitError(f"{error}; nothing was moved", "refused_by_the_stage") from error
+        finally:
+            engine.heartbeat.rest()  # Nothing is due between two steps.
+        found = self.contact()
+        return StepEnd(found.known, found.force_gwt, ended_by)
+
+    # --- before a step ---
+
+    def _force_before(self, *, up: bool) -> float | None:
+        """Return the force at rest (gwt), counted from itself before the first zero; up it may be out of range."""
+        engine, sensing = self._engine, self._engine.sensing
+        if engine.state is State.TRIPPED:
+            raise NotReadyError(f"step: not allowed after a trip ({engine.problem}); home first", "tripped")
+        try:
+            if not sensing.zeroed:
+                sensing.take_zero(zero_readings_gwt(sensing.raw), provisional=True)
+            force_gwt = sensing.settled().force_n / GWT_N
+        except NoReadingError as error:
+            if up and error.out_of_range:
+                return None
+            words = f"{error}; nothing was moved; to move without force, use --without-force"
+            raise LimitError(words, error.code) from error
+        if not up and (passed := engine.trips.passed_any(force_gwt)):
+            raise LimitError(f"{passed}; nothing was moved: move up first, or run `rig zero`", passed.code)
+        return force_gwt
+
+    def _refuse_depth(self, by_mm: float) -> None:
+        settings, height_mm = self._engine.settings, self._engine.height_mm - by_mm
+        if self._stage.homed and height_mm < -settings.limits.max_doi_mm - _TINY_MM:
+            raise LimitError(
+                f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = "
+                f"{settings.limits.max_doi_mm:g} mm; check frame.apex_z_mm = {settings.frame.apex_z_mm:g}; nothing "
+                "was moved",
+                "too_deep",
+            )
+
+    def _refuse_contact(self) -> None:
+        """Refuse a step sideways unless a measurement at rest shows no touch, and at clearance where it is known."""
+        engine, sensing = self._engine, self._engine.sensing
+        if not sensing.absolute:
+            raise LimitError(
+                "the force sensor has no zero, so a touch cannot be measured; nothing was moved: use `rig zero` "
+                "while nothing touches the indentor; to move without force, use --without-force",
+                "not_zeroed",
+            )
+        remedy = (
+            "no step sideways: move up first, or use `rig zero --anyway` if nothing touches the indentor; nothing "
+            "was moved"
+        )
+        try:
+            force_gwt = sensing.at_rest_gwt()
+        except NoReadingError as error:
+            raise LimitError(f"{error}; {remedy}", error.code) from error
+        known = engine.record_contact(force_gwt)
+        if abs(force_gwt) >= sensing.touch_gwt:
+            raise LimitError(f"the sensor reads {force_gwt:.2f} gwt; {remedy}", "touches_still")
+        if not self._stage.homed:
+            return
+        if known.may_touch:
+            clearance_mm = engine.settings.habits.clearance_mm
+            raise LimitError(
+                f"{engine.height_mm:.2f} mm above the nominal apex is below habits.clearance_mm = "
+                f"{clearance_mm:g} mm; no step sideways: move up first; nothing was moved",
+                "below_clearance",
+            )
+        engine.enter_clearance()
+
+    # --- steps ---
+
+    def _up(self, by_mm: float, speed_mm_s: float) -> None:
+        engine = self._engine
+        if self._stage.homed:
+            top_mm = -engine.settings.frame.apex_z_mm
+            if engine.height_mm < top_mm - _TINY_MM:
+                engine.go_to_height(min(engine.height_mm + by_mm, top_mm), speed_mm_s)
+            return
+        for slice_mm in slices(by_mm, engine.settings.habits.descent_step_mm):
+            self._jog(UP, slice_mm, speed_mm_s, Watch(away=True))
+
+    def _down(self, by_mm: float, speed_mm_s: float, force_gwt: float) -> RigError | None:
+        """Go down to clearance in one slow motion, and below it, or where a force is read, by increments."""
+        engine, habits, resolution_mm = (
+            self._engine,
+            self._engine.settings.habits,
+            self._engine.settings.stage.resolution_mm,
+        )
+        descent = self._descent = self._descent or _Descent(engine, force_gwt, force_gwt)
+        descent.rest_gwt, left_mm = force_gwt, by_mm
+        if problem := descent.touched(force_gwt):  # The finger came up since.
+            return problem
+        above_mm = engine.height_mm - habits.clearance_mm if self._stage.homed else -math.inf
+        if above_mm > AT_MM and abs(force_gwt) < engine.sensing.touch_gwt:
+            from_mm, to_mm = engine.height_mm, engine.height_mm - min(by_mm, above_mm)
+            engine.go_to_height(to_mm, min(speed_mm_s, habits.descent_speed_mm_s), touch_ends_it=True)
+            force_gwt, made_mm = engine.read_force_gwt(NO_PRESS, "approach"), from_mm - engine.height_mm
+            left_mm -= made_mm
+            descent.made_mm, descent.rest_gwt = descent.made_mm + made_mm, force_gwt
+            if problem := descent.touched(force_gwt):
+                return problem
+        while left_mm > _TINY_MM:
+            step_mm = min(left_mm, descent.room_mm)
+            if step_mm < min(left_mm, resolution_mm):
+                return InterruptedMotionError(
+                    "the next step down would pass the soft trip", "next_step_past_soft_trip"
+                )
+            force_gwt = self._increment(step_mm, speed_mm_s)
+            left_mm -= step_mm
+            if problem := descent.goes_on(force_gwt, step_mm):
+                return problem
+        return None
+
+    def _increment(self, by_mm: float, speed_mm_s: float) -> float:
+        """Go down by an increment at most, and return the force at rest (gwt)."""
+        engine = self._engine
+        speed_mm_s = min(speed_mm_s, engine.settings.limits.max_press_speed_mm_s)
+        if self._stage.homed:
+            engine.go_to_height(engine.height_mm - by_mm, speed_mm_s)
+            return engine.read_force_gwt(NO_PRESS, "approach")
+        self._may_touch()
+        try:
+            self._jog(DOWN, by_mm, speed_mm_s)
+            return engine.read_force_gwt(NO_PRESS, "approach")
+        except TripError as trip:
+            made_mm = by_mm if self._descent is None else self._descent.made_mm + by_mm
+            raise self._left(trip, min(made_mm, engine.settings.habits.clearance_mm)) from None
+
+    def _aside(self, direction: Direction, by_mm: float, speed_mm_s: float) -> RigError | None:
+        """Go sideways so slowly that a touch ends the motion below half the soft trip."""
+        engine, settings = self._engine, self._engine.settings
+        if self._stage.homed:
+            x_mm = engine.x_mm + direction.sign * by_mm * (direction.axis == "x")
+            along_mm = engine.along_mm + direction.sign * by_mm * (direction.axis == "y")
+            self._refuse_travel(direction, x_mm, along_mm)
+            go_sideways(engine, x_mm, along_mm, speed_mm_s)
+            return None
+        limit = SidewaysLimit.of(settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+        speed_mm_s, late_s = min(speed_mm_s, limit.speed_mm_s), late_reading_s(settings)
+        self._may_touch()
+        try:
+            outcome = self._jog(direction, by_mm, speed_mm_s, Watch(touch_ends_it=True, late_s=late_s))
+            force_gwt = engine.read_force_gwt(NO_PRESS, "moving")
+            if abs(force_gwt) >= engine.sensing.touch_gwt:
+                engine.trip(
+                    TripError(f"the sensor reads {force_gwt:.2f} gwt after a step sideways", "touched"), force_gwt
+                )
+        except TripError as trip:
+            raise self._left(trip, settings.habits.clearance_mm) from None
+        if outcome is Outcome.ARRIVED:
+            return None
+        words = "a late reading, or a touch that vanished at rest, ended the step; step again to continue"
+        return InterruptedMotionError(words, "late_reading")
+
+    def _refuse_travel(self, direction: Direction, x_mm: float, along_mm: float) -> None:
+        settings = self._engine.settings
+        to_mm = settings.frame.pad_centre_x_mm + x_mm if direction.axis == "x" else settings.frame.pad_y_mm + along_mm
+        travel_mm = settings.stage.travel_mm["xyz".index(direction.axis)]
+        if not -travel_mm - _TINY_MM <= to_mm <= _TINY_MM:
+            raise LimitError(
+                f"machine {direction.axis} = {to_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm; "
+                "nothing was moved",
+                "outside_travel",
+            )
+
+    # --- at an unknown height ---
+
+    def _jog(
+        self,
+        direction: Direction,
+        by_mm: float,
+        speed_mm_s: float,
+        watch: Watch = _PLAIN_WATCH,
+    ) -> Outcome:
+        engine, stage = self._engine, self._stage
+        engine.beat(_LATE_FACTOR * by_mm / speed_mm_s)
+
+        def motion(check: Check) -> None:
+            looks = jogging(stage, engine.clock, direction, by_mm, speed_mm_s)
+            engine.motion.watched(looks, stage.end_jog, check)
+
+        return engine.run_watched(motion, watch)
+
+    def _may_touch(self) -> None:
+        """Record a possible contact before a motion at an unknown height."""
+        engine = self._engine
+        if not engine.contact.may_touch:
+            engine.contact = replace(engine.contact, may_touch=True)
+            engine.memory.touched(KnownContact(unix_s=engine.clock.unix_s()))
+
+    def _left(self, trip: TripError, first_mm: float) -> TripError:
+        """Lift after a trip, which the engine cannot where heights are unknown; return the trip with what was done.
+
+        The lift takes back the way down, or by clearance sideways, and goes on by clearances while a force falls.
+        """
+        engine, settings = self._engine, self._engine.settings
+        self._descent = None
+        if self._stage.homed or settings.limits.on_trip == "stop" or engine.heartbeat.lost:
+            return trip
+        clearance_mm, lifted_mm, by_mm = settings.habits.clearance_mm, 0.0, first_mm
+        most_mm = max(park_height_mm(settings, clearance_mm) - clearance_mm, first_mm)
+        try:
+            force_gwt = math.inf
+            while by_mm > 0.0:
+                lift_from_rest(self._stage, engine.clock, by_mm, settings.habits.travel_speed_mm_s)
+                lifted_mm += by_mm
+                before_gwt, force_gwt = force_gwt, abs(engine.sensing.settled().force_n / GWT_N)
+                falls = engine.sensing.touch_gwt <= force_gwt < before_gwt
+                by_mm = min(clearance_mm, most_mm - lifted_mm) if falls else 0.0
+        except NoReadingError:
+            pass
+        except (StageError, TransportError, InterruptedMotionError) as error:
+            return TripError(f"{trip}; and the lift failed: {error}", trip.code)
+        finally:
+            engine.sensing.moved = True
+        return TripError(f"{trip}; lifted by {lifted_mm:.2f} mm", trip.code)
