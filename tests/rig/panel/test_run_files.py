@@ -40,7 +40,7 @@ def test_the_runs_there_are_the_newest_first(runs: Path, panel: StubPanel) -> No
     assert (told["problem"], told["of"]) == (None, 2)
     assert set(told["runs"][0]) == {
         "name", "uid", "date_utc", "protocol", "title", "subject", "shapes", "state", "virtual", "planned", "done",
-        "duration_s",
+        "duration_s", "damage",
     }  # fmt: skip
 
 
