@@ -272,19 +272,20 @@ def _require(fulfilled: bool, code: int) -> None:
 
 def _modes(line: Line, modal: Modal, jog: bool) -> Modal:
     codes = line.codes
-    after = replace(
-        modal,
+    after = Modal(
         motion=1 if jog else int(codes.get(MOTION, modal.motion)),
         absolute=codes.get(DISTANCE, 90 if modal.absolute else 91) == 90,
         metric=codes.get(UNITS, 21 if modal.metric else 20) == 21,
         inverse_time=not jog and codes.get(FEED_MODE, 93 if modal.inverse_time else 94) == 93,
         plane=int(codes.get(PLANE, modal.plane)),
         system=int(codes.get(SYSTEM, modal.system + 54)) - 54,
+        feed=modal.feed,
         spindle=int(codes.get(SPINDLE, modal.spindle)),
         coolant=int(codes.get(COOLANT, modal.coolant)),
         speed=line.values.get("S", modal.speed),
     )
-    return replace(after, feed=_feed_word(line, modal, after, jog))
+    feed = _feed_word(line, modal, after, jog)
+    return after if feed == modal.feed else replace(after, feed=feed)
 
 
 def _feed_word(line: Line, before: Modal, after: Modal, jog: bool) -> float:
