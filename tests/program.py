@@ -90,7 +90,7 @@ Program = Callable[..., Ended]
 EMPTY_FIGURES = """\
 from matplotlib.figure import Figure
 from rig.report.style import Plot
-Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)
+Plot._laid_out = property(lambda plot: Figure((1, 1)))
 """
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""
 
