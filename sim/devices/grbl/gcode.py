@@ -61,13 +61,9 @@ class LineAssembler:
         """Return a line at CR or at LF (so CR LF gives an extra empty line), else None."""
         char = chr(byte)
         if char in "\r\n":
-            line, self.overflowed = "".join(self._text), self._too_long
+            line, self.overflowed = "".join(self._text).upper(), self._too_long
             self.clear()
             return line
-        self._add(char)
-        return None
-
-    def _add(self, char: str) -> None:
         if self._comment:
             if char == ")" and self._comment == "(":
                 self._comment = ""
@@ -75,7 +71,8 @@ class LineAssembler:
             self._comment = char
         elif char > " " and char != "/":
             self._too_long = self._too_long or len(self._text) >= LONGEST
-            self._text.append(char.upper())
+            self._text.append(char)
+        return None
 
 
 class GcodeError(SimError):
@@ -180,8 +177,8 @@ class Offsets:
 
     def of(self, system: int) -> Vec:
         """Return machine coordinates of the zero of a work coordinate system, counted from 0 for G54."""
-        x, y, z = (a + b for a, b in zip(self.systems[system], self.g92, strict=True))
-        return (x, y, z + self.length_mm)
+        (x, y, z), (i, j, k) = self.systems[system], self.g92
+        return (x + i, y + j, z + k + self.length_mm)
 
     def with_system(self, system: int, zero: Vec) -> "Offsets":
         systems = (*self.systems[:system], zero, *self.systems[system + 1 :])
