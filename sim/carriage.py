@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 StepsAt = Callable[[float], tuple[float, float, float]]
 
@@ -24,8 +25,7 @@ class Placement:
     pad_y_mm: float | None = None  # over the receptor plane; None without an axis along the finger
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """True pose of the indentor: x from the pad's center, and height of its lowest point above the apex (mm).
 
     along_mm is from the receptor plane towards the tip.

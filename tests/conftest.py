@@ -335,6 +335,8 @@ INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
 _flush, _fresh_pass = os.fsync, fresh_passes._pass
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
+# Scripts whose steps differ between processes only if these begin anew: by hash seed, and by what random was seeded.
+UNLIKE_WHEN_ANEW = ("[a loop over a set]", "[an unseeded shuffle]")
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
 
@@ -441,7 +443,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
     if preloaded.POSSIBLE:
         multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else preloaded.SPAWN_ANEW
-        anew = real or item.path.name == "test_same_run.py"
+        anew = real or item.name.endswith(UNLIKE_WHEN_ANEW)
         fresh_passes._pass = _fresh_pass if anew else _forked_pass
 
 

@@ -34,6 +34,7 @@ IMPORTED = (
     *("multiprocessing.spawn", "sim.finger_process", "sim.models.fingertip", "sim.contact.warmup"),
     # Of the workers of the suite.
     *("pytest", "jsonschema", "matplotlib.figure", "rig.bench.served", "rig.compare.stimuli", "rig.study.parallel"),
+    "rig.design.chooser",  # brings scipy.stats, which takes as long as all else of scipy
 )
 SET_CHILD_SUBREAPER = 36  # of <linux/prctl.h>: orphans below become our children
 PATH = "PYTHONPATH"

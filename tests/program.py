@@ -105,7 +105,7 @@ def functions() -> Iterator[tuple[list[str], Callable[..., None]]]:
 EMPTY_FIGURES = """\
 from matplotlib.figure import Figure
 from rig.report.plot import Plot
-Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)
+Plot._laid_out = property(lambda plot: Figure((1, 1)))
 """
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""
 

@@ -20,7 +20,6 @@ MAY = {
     "shake.py": "is no test",
     "rig/test_wall_clock.py": "the clock itself, against the system's",
     "sim/test_workers.py": "a sleep as a piece of work that never ends",
-    "rig/test_kills.py": "a study of its own, that ends before pytest's deadline",
     "standa_client.py": "a program that polls, and ends before pytest's deadline",
     "tmcl_client.py": "a program that polls, and ends before pytest's deadline",
     "lsl_client.py": "a program that waits for the streams, and ends before pytest's deadline",

@@ -14,7 +14,7 @@ def _make_report(*arguments: Any) -> None:
 
     from rig.report.plot import Plot
 
-    Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)  # type: ignore[method-assign]
+    Plot._laid_out = property(lambda plot: Figure((1, 1)))  # type: ignore[assignment]
     while "HELD_REPORT" in os.environ:
         time.sleep(0.01)
     _drawn(*arguments)

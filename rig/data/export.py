@@ -143,20 +143,31 @@ def _write_group(group: "h5py.Group", stream: str, table: Table, texts: Collecti
     import h5py
 
     group.attrs["description"] = about_table(stream)
-    datasets = []
-    for name, unit in table.units.items():
-        column = column_of(stream, name)
-        type_ = str if name in texts else float if column is None else column.type
-        kind = bool if type_ is bool else h5py.string_dtype() if type_ is str else float
-        dataset = group.create_dataset(name, shape=(len(table.events),), dtype=kind)
-        dataset.attrs["unit"] = unit
-        dataset.attrs["description"] = "" if column is None else column.what
-        datasets.append((name, kind, dataset))
+    size, columns = len(table.events), {name: column_of(stream, name) for name in table.units}
+    kinds = {name: _kind_of(column, name in texts) for name, column in columns.items()}
+    datasets = dict[str, h5py.Dataset]()
     begin = 0
     for rows in _blocks(table):
-        for (name, kind, dataset), values in zip(datasets, zip(*rows, strict=True), strict=True):
-            dataset[begin : begin + len(rows)] = _as_array(name, kind, values)
-        begin += len(rows)
+        end = begin + len(rows)
+        for (name, kind), values in zip(kinds.items(), zip(*rows, strict=True), strict=True):
+            array = _as_array(name, kind, values)
+            if end - begin == size:  # Filling a dataset that exists takes twice as long.
+                datasets[name] = group.create_dataset(name, data=array, dtype=kind)
+                continue
+            if not begin:
+                datasets[name] = group.create_dataset(name, shape=(size,), dtype=kind)
+            datasets[name][begin:end] = array
+        begin = end
+    for name, dataset in datasets.items():
+        column = columns[name]
+        dataset.attrs["unit"] = table.units[name]
+        dataset.attrs["description"] = "" if column is None else column.what
+
+
+def _kind_of(column: Column | None, as_text: bool) -> Any:
+    """Return the type of a dataset."""
+    type_ = str if as_text else float if column is None else column.type
+    return bool if type_ is bool else h5py.string_dtype() if type_ is str else float
 
 
 def _attributes(run: Run) -> dict[str, Any]:

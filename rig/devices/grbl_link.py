@@ -8,6 +8,7 @@ import re
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 from rig.clock import Clock
@@ -80,6 +81,7 @@ def is_banner(line: str) -> bool:
     return "Grbl" in line and _BANNER.search(line) is not None
 
 
+@lru_cache(maxsize=4)  # each status is looked at by several checks
 def parse_status(line: str) -> StatusFields | None:
     """Parse the fields of a status line; None if it is garbled."""
     if line[:1] != "<" or line[-1:] != ">" or "<" in line[1:]:

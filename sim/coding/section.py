@@ -1,7 +1,7 @@
 """The finger's plane-strain section with receptors below its skin: anywhere, or equally spaced."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -197,6 +197,7 @@ class SampledSection(ReceptorSection):
     sampling: Sampling
 
 
+@lru_cache(maxsize=8)  # a section takes a second to build, and commands and scripts ask for it again
 def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSection:
     """Build a sampled section (about a second). Raises ModelRangeError or ReceptorError beside the tissue."""
     line = skin_of(config, sampling.axes)

@@ -110,16 +110,11 @@ class VirtualClock:
         if math.isnan(deadline_s):
             raise ArgumentError("the deadline of a wait must be a number", "no_deadline")
         while not ready():
-            if not self._run_next(deadline_s):
+            t_s = self._queue.next_s()
+            if t_s == math.inf or t_s > deadline_s:
                 return self._stand_at(deadline_s, ready)
-        return True
-
-    def _run_next(self, deadline_s: float) -> bool:
-        t_s = self._queue.next_s()
-        if t_s == math.inf or t_s > deadline_s:
-            return False
-        self._now_s = t_s
-        self._queue.pop()()
+            self._now_s = t_s
+            self._queue.pop()()
         return True
 
     def _stand_at(self, deadline_s: float, ready: Callable[[], bool]) -> bool:

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from sim.devices.clock import Handle, Scheduler
 from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
@@ -82,7 +83,7 @@ class VirtualBalance:
             self._send("ET")
             return
         command, *rest = line.decode("ascii").split() or [""]
-        act = self._commands().get(command)
+        act = self._commands.get(command)
         if act is None:
             self._send("ES")
         elif command == "TA" and rest:
@@ -95,6 +96,7 @@ class VirtualBalance:
             self._stop_timer()
             act()
 
+    @cached_property
     def _commands(self) -> dict[str, Callable[[], None]]:
         return {
             "S": lambda: self._when_stable("S", lambda grams: self._send(f"S S {self._shown(grams)}")),
@@ -165,7 +167,7 @@ class VirtualBalance:
 
     def _list_commands(self) -> None:
         """List commands, one line each with its level; all but the last announce more (B)."""
-        names = sorted(self._commands())
+        names = sorted(self._commands)
         for name in names:
             level = 0 if name in LEVEL_0 else 1
             self._send(f'I0 {"A" if name == names[-1] else "B"} {level} "{name}"')

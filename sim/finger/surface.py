@@ -4,7 +4,7 @@ Source of the published points: Raju (1998), Figure 6-3, copied into `sim/data/f
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib.resources import files
 
 import numpy as np
@@ -186,6 +186,7 @@ class FingertipSurface:
     curves: BSpline  # of z in mm: half-width, height, lean in mm
 
     @classmethod
+    @lru_cache(maxsize=64)  # fingers of a study share their skin
     def fit(cls, geometry: Geometry) -> "FingertipSurface":
         """Fit the skin through a geometry's sections, or to its points, the published ones by default.
 

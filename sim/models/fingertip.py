@@ -5,7 +5,7 @@ import time
 from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -54,6 +54,7 @@ DEEPEST_DOI_MM, DEEPEST_SHARE = 2.0, 0.6
 """Largest DOI (mm), or this share of the tissue's thickness if that is more; the source's largest is 1.33 mm."""
 
 _TOUCHES_KEPT = 64
+_threads = cache(ThreadpoolController)  # looking for the libraries of BLAS takes some milliseconds
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 
 
@@ -107,7 +108,6 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         self._held_mm: Array | None = None
         self.friction = 0.0
         self._with_all_axes: dict[tuple[int, ...], Fingertip] = {}
-        self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
         self._under = lru_cache(maxsize=_TOUCHES_KEPT)(partial(Under, config, surface))
 
@@ -363,7 +363,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             began = time.thread_time()
             try:
                 pressing.placed.refuse_touch_outside()
-                with self._threads.limit(limits=1, user_api="blas"):
+                with _threads().limit(limits=1, user_api="blas"):
                     doi, state = self._solve(pressing, doi_mm, force_gwt, start)
                     others = pressing.by_other_paths(doi) if other_paths and state.snapped else []
                 break
@@ -461,7 +461,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         zeros_mm = [touches[0].height_mm if level else touch.height_mm for touch in touches]
         places = [(x, plane_mm) for x in x_mm]
         began = time.thread_time()
-        with self._threads.limit(limits=1, user_api="blas"):
+        with _threads().limit(limits=1, user_api="blas"):
             found = rubbed.drag(list(zip(places, touches, zeros_mm, strict=True)), doi_mm)
         seconds = (time.thread_time() - began) / len(found)
         return [
@@ -597,7 +597,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         before = friction_start(start, rubbed.how.friction)
         force = None if force_gwt is None else force_gwt * GWT_N / self.e_epidermis_mpa
         began = time.thread_time()
-        with self._threads.limit(limits=1, user_api="blas"):
+        with _threads().limit(limits=1, user_api="blas"):
             doi, state, model, larger_mm, increments = rubbed.press(place, touch, height_mm, doi_mm, force, before)
         seconds = time.thread_time() - began
         return self._with_friction_result(rubbed, place, doi, height_mm, state, model, larger_mm, increments, seconds)

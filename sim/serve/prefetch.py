@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from typing import Protocol
 
@@ -344,9 +344,9 @@ class TrajectoryPrefetcher(ForcePrefetcher):
 
 def _straight(before: Pose, here: Pose, after: Pose) -> bool:
     """Return whether the indentor moved on in a straight line at the same speed."""
-    first, second, third = (np.array(astuple(pose)) for pose in (before, here, after))
+    first, second, third = (np.array(pose) for pose in (before, here, after))
     return float(np.abs(first - 2 * second + third).max()) <= _STRAIGHT_MM
 
 
 def _apart_mm(one: Pose, other: Pose) -> float:
-    return float(np.abs(np.subtract(astuple(one), astuple(other))).max())
+    return float(np.abs(np.subtract(one, other)).max())

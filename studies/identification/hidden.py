@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
@@ -67,7 +67,7 @@ class Slipping:
         """From the finger."""
         pose = self.carriage.pose_at(t_s)
         slipped = self._mounts >= _SLIPS_AT
-        return replace(pose, above_apex_mm=pose.above_apex_mm + self._by_mm) if slipped else pose
+        return pose._replace(above_apex_mm=pose.above_apex_mm + self._by_mm) if slipped else pose
 
 
 class Keeper:

@@ -13,6 +13,8 @@ from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.models.fingertip import Fingertip
 from tests.faults.strikes import CABLES, CutWire
+from tests.preloaded import Popen
+from tests.waiting import DEADLINE_S
 
 KILLS = 8
 ROOT = Path(__file__).parents[2]
@@ -21,9 +23,10 @@ needs_fork = pytest.mark.skipif(sys.platform == "win32", reason="needs fork and 
 
 def _found(*options: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "tests.faults.kills", *options, "--seed", "11", "--json"]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=170, check=False, cwd=ROOT)
-    assert ended.returncode == 0, ended.stderr
-    found: dict[str, Any] = json.loads(ended.stdout)
+    with Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        out, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, err
+    found: dict[str, Any] = json.loads(out)
     assert [found[key] for key in ("lost", "missing", "repeated", "mixed", "touching")] == [0] * 5
     return found
 

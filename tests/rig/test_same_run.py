@@ -239,6 +239,8 @@ def _without_plan(folder: Path) -> None:
     sums.write_text("".join(line for line in lines if PLAN not in line), encoding="utf-8")
 
 
+# A difference that is done and one to come, a note and a rest: each once.
+@pytest.mark.quick(rows=lambda what: what not in ("note", "later rest"))
 @pytest.mark.parametrize("what", ["nothing", "note", "rest", "later note", "later rest", "no later rest"])
 def test_a_script_that_asks_for_the_same_presses_is_resumed_and_another_note_or_rest_is_reported(
     program: Program, stopped: Callable[[str], Path], what: str

@@ -61,13 +61,9 @@ class LineAssembler:
         """Return a line at CR or at LF (so CR LF gives an extra empty line), else None."""
         char = chr(byte)
         if char in "\r\n":
-            line, self.overflowed = "".join(self._text), self._too_long
+            line, self.overflowed = "".join(self._text).upper(), self._too_long
             self.clear()
             return line
-        self._add(char)
-        return None
-
-    def _add(self, char: str) -> None:
         if self._comment:
             if char == ")" and self._comment == "(":
                 self._comment = ""
@@ -75,7 +71,8 @@ class LineAssembler:
             self._comment = char
         elif char > " " and char != "/":
             self._too_long = self._too_long or len(self._text) >= LONGEST
-            self._text.append(char.upper())
+            self._text.append(char)
+        return None
 
 
 class GcodeError(SimError):
@@ -180,8 +177,8 @@ class Offsets:
 
     def of(self, system: int) -> Vec:
         """Return machine coordinates of the zero of a work coordinate system, counted from 0 for G54."""
-        x, y, z = (a + b for a, b in zip(self.systems[system], self.g92, strict=True))
-        return (x, y, z + self.length_mm)
+        (x, y, z), (i, j, k) = self.systems[system], self.g92
+        return (x + i, y + j, z + k + self.length_mm)
 
     def with_system(self, system: int, zero: Vec) -> "Offsets":
         systems = (*self.systems[:system], zero, *self.systems[system + 1 :])
@@ -272,19 +269,20 @@ def _require(fulfilled: bool, code: int) -> None:
 
 def _modes(line: Line, modal: Modal, jog: bool) -> Modal:
     codes = line.codes
-    after = replace(
-        modal,
+    after = Modal(
         motion=1 if jog else int(codes.get(MOTION, modal.motion)),
         absolute=codes.get(DISTANCE, 90 if modal.absolute else 91) == 90,
         metric=codes.get(UNITS, 21 if modal.metric else 20) == 21,
         inverse_time=not jog and codes.get(FEED_MODE, 93 if modal.inverse_time else 94) == 93,
         plane=int(codes.get(PLANE, modal.plane)),
         system=int(codes.get(SYSTEM, modal.system + 54)) - 54,
+        feed=modal.feed,
         spindle=int(codes.get(SPINDLE, modal.spindle)),
         coolant=int(codes.get(COOLANT, modal.coolant)),
         speed=line.values.get("S", modal.speed),
     )
-    return replace(after, feed=_feed_word(line, modal, after, jog))
+    feed = _feed_word(line, modal, after, jog)
+    return after if feed == modal.feed else replace(after, feed=feed)
 
 
 def _feed_word(line: Line, before: Modal, after: Modal, jog: bool) -> float:

@@ -222,7 +222,7 @@ def _ends(
     config.write_text(f"[virtual]\n{finger}\n", encoding="utf-8")
     target = {"doi_mm": 1.0} if finger else {"force_gwt": 2.33}
     speed = None if finger else 50.0
-    options: dict[str, Any] = {**PRESS, "force_gwt": None, **target, "speed": speed, "virtual": True}
+    options: dict[str, Any] = {**PRESS, "presses": 2, "force_gwt": None, **target, "speed": speed, "virtual": True}
     with BlueskyBench(config, **options, out=at / "runs") as bench:
         if not isinstance(act, str):
             during = threading.Thread(target=_during_the_hold, args=(act, bench, engine))
