@@ -144,7 +144,11 @@ def _write_group(group: "h5py.Group", stream: str, table: Table, texts: Collecti
 
     group.attrs["description"] = about_table(stream)
     size, columns = len(table.events), {name: column_of(stream, name) for name in table.units}
-    kinds = {name: _kind_of(column, name in texts) for name, column in columns.items()}
+    of_text = h5py.string_dtype()
+    kinds: dict[str, Any] = {}
+    for name, column in columns.items():
+        type_ = str if name in texts else float if column is None else column.type
+        kinds[name] = bool if type_ is bool else of_text if type_ is str else float
     datasets = dict[str, h5py.Dataset]()
     begin = 0
     for rows in _blocks(table):
@@ -162,12 +166,6 @@ def _write_group(group: "h5py.Group", stream: str, table: Table, texts: Collecti
         column = columns[name]
         dataset.attrs["unit"] = table.units[name]
         dataset.attrs["description"] = "" if column is None else column.what
-
-
-def _kind_of(column: Column | None, as_text: bool) -> Any:
-    """Return the type of a dataset."""
-    type_ = str if as_text else float if column is None else column.type
-    return bool if type_ is bool else h5py.string_dtype() if type_ is str else float
 
 
 def _attributes(run: Run) -> dict[str, Any]:
