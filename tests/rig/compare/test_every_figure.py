@@ -579,6 +579,7 @@ def test_every_axis_has_a_printed_label_with_its_unit(name: str, walk: Walk) -> 
         printed = [one.get_text() for one in _texts(figure)]
         hyphens = [text for text in printed if re.search(r"(?<![\w.{])-[\d.]", text)]
         assert not hyphens, f"{plot.title}: a hyphen is no minus: {hyphens}"
+        assert not [text for text in printed if "10^{0}" in text], f"{plot.title}: a power of ten for a number"
         for one, panel in zip(axes, plot.panels, strict=True):
             for text in filter(None, (panel.x, panel.y, panel.color)):
                 unit = re.search(r"\(([^()]*)\)$", text.replace("\n", " "))
