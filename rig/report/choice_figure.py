@@ -87,6 +87,6 @@ def probabilities(run: Run, verdict: ChoiceVerdict) -> Plot:
         (9.6, 4.2), [Subplot("number of counts (1)", "probability (1)", [*reversed(lines), level])],
         "Probabilities",
         "Probability of each candidate against the number of counts. "
-        f"Dotted: {100 * LEVEL:g} %, at which the presses end.{truth}{others}{plan}",
+        f"Dotted: {100 * LEVEL:g} %, from which a candidate can end the presses.{truth}{others}{plan}",
         finish=finish,
     )  # fmt: skip

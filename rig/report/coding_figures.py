@@ -216,9 +216,7 @@ def point_spread_figure(drawn: PointSpreadPlot) -> Plot:
         middle.set(aspect="equal")
         right.legend()
         right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        for axis in (right.xaxis, right.yaxis):
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
+        _print_plain_numbers(right)
 
     panels = [
         Subplot("x (mm)", "y (mm)", mesh, f"displacements × {times:.3g}"),
@@ -238,6 +236,14 @@ _ENDS = (
 _FIRST_MOVES = 14
 _MARGIN = 0.15  # margin around a path, relative to its extent
 _LOWEST = 1e-12
+_MOST_TICKS = 8
+
+
+def _print_plain_numbers(axes: Axes) -> None:
+    """Print the ticks of logarithmic axes as numbers, not as powers of ten."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 class ErrorSurface(NamedTuple):
@@ -265,6 +271,9 @@ def search_figure(surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Arra
             one.xaxis.set_major_locator(MaxNLocator(4))
             one.set(xlim=surface.first[[0, -1]], ylim=surface.second[[0, -1]])
         left.set(xscale="log", yscale="log")
+        for axis in (left.xaxis, left.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=_MOST_TICKS))
+        _print_plain_numbers(left)
         left.legend(handles=[*left.get_legend_handles_labels()[0], *handles(ends)])
 
     panels = [

@@ -221,6 +221,8 @@ def correlations(page: IdentificationPage) -> Plot:
     """Plot the correlation of every two parameters after the presses."""
     varied = page.learned.draws.std(axis=0) > 0
     names = [named(name) for name, varies in zip(page.learned.prior.names, varied, strict=True) if varies]
+    fixed = [named(name) for name, varies in zip(page.learned.prior.names, varied, strict=True) if not varies]
+    left_out = f" Left out, as all samples have one value: {', '.join(fixed)}." * bool(fixed)
     image = Series("imshow", np.corrcoef(page.learned.draws[:, varied].T), vmin=-1, vmax=1, cmap="RdBu_r",
                    rows=rows_of("after", "r"))  # fmt: skip
     panel = Subplot("", "", [image], printed="", x_names=names, y_names=names, color="correlation (1)")
@@ -234,7 +236,7 @@ def correlations(page: IdentificationPage) -> Plot:
     return Plot(
         (5.6, 4.8), [panel],
         "Correlations",
-        "Correlation over samples of the finger. Parameters with a correlation near 1 or −1 cannot be "
+        f"Correlation over samples of the finger.{left_out} Parameters with a correlation near 1 or −1 cannot be "
         "distinguished by these presses; forces may be well known although neither parameter is.",
         finish=finish,
     )  # fmt: skip

@@ -282,7 +282,8 @@ def _raster(record: SpikeRecord, ends_s: tuple[float, float]) -> Subplot:
     shown = [one.spike_s[(one.spike_s >= ends_s[0]) & (one.spike_s <= ends_s[1])] for one in trains]
     colors = [_color(record, one.model) for one in trains]
     rows = rows_of(_SPIKES, "t_s", ends_s=ends_s)
-    marks = Series("eventplot", shown, colors=colors, linewidths=0.8, linelengths=0.8, rows=rows)
+    marks = Series("eventplot", shown, lineoffsets=range(len(trains)), colors=colors, linewidths=0.8, linelengths=0.8,
+                   rows=rows)  # fmt: skip
     names = [one.afferent for one in trains] if len(trains) <= _MOST_LABELS else []
     return Subplot(_TIME, "", [marks], printed="x", y_names=names)
 

@@ -66,7 +66,7 @@ _LEAST_POWER = 1e6
 _HIGH = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 _UNBROKEN = re.compile(
     r"(?<=[\d.)]) (?=(?:mm|µm|gwt|kPa|MPa|MB|N|s|ms|min|bits?|strain|%|\d{3})(?![\w/]))"
-    r"|(?<=[±×=<]) (?=[\d−])|(?<=\d) (?=[±×])|(?<=[\w²|]) (?=[=<] [\d−])"
+    r"|(?<=[±×=<≥…]) (?=[\d−])|(?<=\d) (?=[±×…])|(?<=[\w²|]) (?=[=<≥] [\d−])"
 )
 _INTERVAL = re.compile(r"\[−?\d[^\[\]a-z]*\]")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -140,5 +140,5 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"prose": prose, "caption": _caption}
+    made.filters |= {"prose": prose, "code": _code, "caption": _caption}
     return made

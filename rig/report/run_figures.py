@@ -31,7 +31,7 @@ from rig.report.plot import (
     row_title,
     rows_of,
 )
-from rig.report.run_tables import Condition, DeliveredPress, conditions, loading, past_touch
+from rig.report.run_tables import SAMPLES, Condition, DeliveredPress, conditions, loading, past_touch
 from rig.report.style import (
     BLUE,
     DOTTED,
@@ -281,7 +281,6 @@ PHASES = {
 
 GROUPS_A_PAGE = 2
 
-SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
 _MINUTES_FROM_S = 600.0
 _LONG_GAP = 0.1
 """Time between the parts of a run, relative to its duration, from which the axis is cut."""
@@ -572,7 +571,7 @@ def presses(run: Run, groups: Groups) -> Plot:
 
     def finish(figure: Figure, axes: list[Axes]) -> None:
         for left, right, (name, members) in zip(axes[::2], axes[1::2], groups.items(), strict=True):
-            row_title(left, name)
+            row_title(left, _row_name(name, [condition.x_mm for condition in members]))
             low, high = right.get_ylim()
             right.set_ylim(min(low, 1 - _LEAST_RELATIVE), max(high, 1 + _LEAST_RELATIVE))
             position_scale(right, [condition.x_mm for condition in members])
@@ -581,9 +580,25 @@ def presses(run: Run, groups: Groups) -> Plot:
         (_WIDTH_IN, 0.5 + _ROW_IN * len(groups)), panels,
         "Press, hold and relaxation",
         "Left: force from the start of each press, all repeats. Right: force in each hold relative to "
-        "its first reading. Color: position of the indentor.",
+        f"its first reading.{_color_key(groups)}",
         arrange=in_grid(len(panels), 2, _BESIDE_A_SCALE), finish=finish, titles=None, layout=None,
     )  # fmt: skip
+
+
+def _scale(positions_mm: Sequence[float]) -> str:
+    """Return the label of the scale of positions; "" if all are one."""
+    return POSITIONS if len(set(positions_mm)) > 1 else ""
+
+
+def _row_name(name: str, positions_mm: Sequence[float]) -> str:
+    """Return the title of a row, with the position where all its lines share one and no scale shows it."""
+    return name if _scale(positions_mm) else f"{name}, x = {signed(positions_mm[0])} mm"
+
+
+def _color_key(groups: Groups) -> str:
+    """Return the sentence on colors, if lines of a row differ in position."""
+    several = any(_scale([condition.x_mm for condition in members]) for members in groups.values())
+    return " Color: position of the indentor." * several
 
 
 def _press_panels(run: Run, name: str, members: Sequence[Condition]) -> tuple[Subplot, Subplot]:
@@ -598,7 +613,7 @@ def _press_panels(run: Run, name: str, members: Sequence[Condition]) -> tuple[Su
                 relative.append(Series("plot", *_thinned(t, ratio), rows=rows, **style))
     return (
         Subplot("time since the start of the press (s)", "force (gwt)", force, name),
-        Subplot("time in the hold (s)", "force relative to first (1)", relative, color=POSITIONS),
+        Subplot("time in the hold (s)", "force relative to first (1)", relative, color=_scale(xs)),
     )
 
 
@@ -645,7 +660,7 @@ def force_depth(run: Run, groups: Groups) -> Plot:
         (_WIDTH_IN if columns > 1 else 0.55 * _WIDTH_IN, 0.5 + _ROW_IN * len(groups)), panels,
         "Force against depth",
         "Force while pressing, against the depth from the contact fitted at each touch-off. "
-        f"{spread} Color: position of the indentor.",
+        f"{spread}{_color_key(groups)}",
         arrange=in_grid(len(panels), columns, _BESIDE_A_SCALE), finish=finish, titles=None, layout=None,
     )  # fmt: skip
 
@@ -663,8 +678,8 @@ def _loadings(run: Run, name: str, members: Sequence[Condition]) -> tuple[Subplo
     )  # fmt: skip
     depth = "depth of indentation (mm)"
     return (
-        Subplot(depth, "mean force (gwt)", mean, name, color=POSITIONS),
-        Subplot(depth, "sd over repeats (gwt)", sd, color=POSITIONS),
+        Subplot(depth, "mean force (gwt)", mean, name, color=_scale(xs)),
+        Subplot(depth, "sd over repeats (gwt)", sd, color=_scale(xs)),
     )
 
 
@@ -693,12 +708,17 @@ def population_responses(found: list[PredictedHold], *, moved: bool) -> Plot:
     def finish(figure: Figure, axes: list[Axes]) -> None:
         for left, right, (name, lines) in zip(axes[::2], axes[1::2], rows, strict=True):
             if moved:
-                row_title(left, name)
+                row_title(left, _row_name(name, [x for x, _ in lines]))
                 position_scale(right, [x for x, _ in lines])
             else:
                 _legend(figure, *left.get_legend_handles_labels())
 
-    lines = "One line per hold; color: position." if moved else "One line per depth or force (first repeat)."
+    scales = any(_scale([x for x, _ in lines]) for _, lines in rows)
+    lines = (
+        f"One line per hold{'; color: position' * scales}."
+        if moved
+        else "One line per depth or force (first repeat)."
+    )
     return Plot(
         (9.6, height), [panel for name, lines in rows for panel in _population_row(name, lines, moved=moved)],
         "Population responses",
@@ -719,7 +739,7 @@ def _population_row(name: str, lines: Sequence[tuple[float, PredictedHold]], *, 
                        rows=rows_of("model_measures.csv", "receptor_x_mm", _column(measure), **_hold(one)))
                 for value, one in lines
             ],
-            name if measure == "ep1" else "", color=POSITIONS if moved else "",
+            name if measure == "ep1" else "", color=_scale(shades) if moved else "",
         )
         for measure in ("ep1", "sed")
     ]  # fmt: skip

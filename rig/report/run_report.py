@@ -157,7 +157,7 @@ def run_page_figures(run: Run, found: list[PredictedHold]) -> list[Plot]:
     over_time = [
         *([run_figures.delivered_presses(pressed, run_tables.message(run, pressed))] if pressed else []),
         *choice_figures(run),
-        *([run_figures.force_time(run)] if any(run.stream(stream) for stream in run_figures.SAMPLES) else []),
+        *([run_figures.force_time(run)] if any(run.stream(stream) for stream in run_tables.SAMPLES) else []),
     ]
     if not found:
         return over_time

@@ -32,6 +32,10 @@ COLUMNS = {
 """Columns of each file, in order."""
 
 
+SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
+"""Streams of readings: of data, and of presses that are not data."""
+
+
 def numbers_missing(run: Run) -> bool:
     """Return whether a file is missing."""
     return not all(_file(run, name).exists() for name in COLUMNS)
@@ -310,11 +314,11 @@ def why_approach(run: Run) -> str:
 
 
 def limits(run: Run) -> list[tuple[str, str]]:
-    """Return the limits of the run and the highest measured values."""
+    """Return the limits of the run and the highest measured values, also of presses that are not data."""
     table = limits_in_kpa(toml_of(read_text(run.folder.config)).get("limits", {}))
+    readings = [one for stream in SAMPLES for one in run.stream(stream)]
     highest_gwt, deepest_mm = (
-        max((s[name] for s in run.stream("sample") if s[name] is not None), default=None)
-        for name in ("force_gwt", "doi_mm")
+        max((s[name] for s in readings if s.get(name) is not None), default=None) for name in ("force_gwt", "doi_mm")
     )
     rows = []
     if "soft_trip_n" in run.start:

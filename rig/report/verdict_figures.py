@@ -102,13 +102,14 @@ def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str, of: st
         figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
         _finish_ranking(axes[-1], ranked)
 
+    crosses = "; gray crosses: positions left out" * any(_left_out(answer, number) for number in shown)
     some = f"The {len(shown)} of {len(answer.stimuli)} most informative stimuli. "
     return Plot(
         (_WIDE_IN, sum(heights)), [*panels, _ranking(ranked)],
         f"Verdicts{of}",
         f"{some * (len(shown) < len(answer.stimuli))}Above: recorded rates, and the predictions of the "
         "maximum-likelihood pair of a measure and a receptor, of that of another measure, and of that of a control, "
-        "with the share of the held-out deviance that they predict; gray crosses: positions left out. Below: "
+        f"with the share of the held-out deviance that they predict{crosses}. Below: "
         "measures and controls, each at its maximum-likelihood receptor, with the p of its fit. Dotted: noise alone "
         "gives about 1.",
         sentence(answer), arrange=arrange, finish=finish, legend=[*above, *_FATES], titles={"fontsize": 8},
@@ -132,14 +133,16 @@ def profiles(answer: AfferentVerdict, shown: Sequence[int], frame: str, of: str 
     def series(number: int, row: PairRow) -> list[Series]:
         return [*_recorded(answer, number), _predicted(answer, number, row, color=color_of(row.name), lw=1.4)]
 
+    gaps = (
+        " and stop where positions are left out. Crosses: recorded positions that are left out, since the simulation "
+        "does not cover them at every receptor"
+    ) * any(_left_out(answer, number) for number in shown)
     plot = _grid(answer, shown, series, _RATE, frame)
     return replace(
         plot,
         title=f"Recorded over predicted{of}",
-        caption="One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join the predictions at "
-        "the recorded positions and stop where positions are left out. Crosses: recorded positions that are "
-        "left out, since the simulation does not cover them at every receptor. "
-        f"Data: {', '.join(answer.recordings)}.",
+        caption=f"One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join the predictions at "
+        f"the recorded positions{gaps}. Data: {', '.join(answer.recordings)}.",
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from rig.cli import main
 from rig.data import export_nwb, export_run, read_run
+from rig.report.run_tables import limits
 from rig.session.resume import read_stopped
 
 OLD = Path(__file__).parents[1] / "data" / "runs"
@@ -101,3 +102,11 @@ def test_a_stopped_run_is_resumed(
     )
     assert [e["text"] for e in now.stream("note")] == [e["text"] for e in whole.stream("note")]
     assert now.start["subject"] == "S07"
+
+
+def test_the_highest_force_of_a_report_is_that_of_all_presses() -> None:
+    """Of a run whose reference presses are the strongest: the table is compared with its trip."""
+    run = read_run(OLD / "complete_with_a_schedule")
+    highest = {name: max(one["force_gwt"] for one in run.stream(name)) for name in ("sample", "reference_sample")}
+    assert highest["sample"] < highest["reference_sample"]
+    assert dict(limits(run))["highest measured force"].startswith(f"{highest['reference_sample']:.2f} gwt")

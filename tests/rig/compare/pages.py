@@ -39,7 +39,7 @@ from rig.report.page_source import source_line
 from rig.report.plot import Plot
 from rig.report.recording_sections import Deflection, deflection_section
 from rig.report.run_report import run_page_figures, write_report
-from rig.report.run_tables import delivered, write_numbers
+from rig.report.run_tables import by_target, conditions, delivered, write_numbers
 from rig.report.strain_figure import strain_figures
 from sim.coding.encoding import Encoded
 from sim.coding.point_spread import Judged, PointSpread, Sheet
@@ -303,7 +303,12 @@ def _of_one_press(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) 
     contact = run_figures.contact_panels([found], run_figures.highest_pressure(found))
     return Made(
         World(run=_own(run, path, found), presses=1, found=found),
-        figures=[of_press, contact, run_figures.population_responses(found, moved=False)],
+        figures=[
+            of_press,
+            contact,
+            run_figures.population_responses(found, moved=False),
+            run_figures.presses(run, by_target(conditions(run)[:1])),
+        ],
     )
 
 
@@ -441,6 +446,7 @@ FIGURES = {name: make for name, make in PAGES.items() if name not in REPEATED} |
     "run on a human finger": _of_human,
     "run of one press": _of_one_press,
     "run with a relief": _of_relief,
+    "run with one afferent": _of_spikes(1),
     "run with few afferents": _of_spikes(8),
     "run with many afferents": _of_spikes(60),
     "few positions, one receptor": _of_few,

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import EventCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -578,6 +579,7 @@ def test_every_axis_has_a_printed_label_with_its_unit(name: str, walk: Walk) -> 
         printed = [one.get_text() for one in _texts(figure)]
         hyphens = [text for text in printed if re.search(r"(?<![\w.{])-[\d.]", text)]
         assert not hyphens, f"{plot.title}: a hyphen is no minus: {hyphens}"
+        assert not [text for text in printed if "10^{0}" in text], f"{plot.title}: a power of ten for a number"
         for one, panel in zip(axes, plot.panels, strict=True):
             for text in filter(None, (panel.x, panel.y, panel.color)):
                 unit = re.search(r"\(([^()]*)\)$", text.replace("\n", " "))
@@ -606,6 +608,14 @@ def test_nothing_lies_beyond_the_axes(name: str, walk: Walk) -> None:
                 values = np.concatenate([one.along(axis) for one in seen] or [np.zeros(0)])  # type: ignore[arg-type]
                 cut = values[(values < low - 1e-6) | (values > high + 1e-6)]
                 assert not len(cut), f"{plot.title}, {panel.title}: {axis} {cut} beyond {low} to {high}"
+            rows = [one.get_lineoffset() for one in axes.collections if isinstance(one, EventCollection)]
+            assert all(ends["y"][0] < row < ends["y"][1] for row in rows), f"{plot.title}: rows {rows} of {ends}"
+
+
+@every_page
+def test_a_caption_calls_color_a_position_only_if_a_scale_shows_it(name: str, walk: Walk) -> None:
+    for plot in (one for one in walk(name).figures if re.search("[Cc]olor: position", one.caption)):
+        assert "indentor x (mm)" in [one.get_text() for one in _texts(plot._drawn[0])], plot.title
 
 
 @every_page

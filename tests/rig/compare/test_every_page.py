@@ -23,6 +23,12 @@ def test_a_page_is_made_of_the_shared_parts(name: str) -> None:
     assert not re.search(r"<img|<figure|<head|<script", text)
 
 
+@pytest.mark.parametrize("name", sorted(path.name for path in TEMPLATES.glob("*.j2")))
+def test_no_line_of_a_command_ends_within_an_option(name: str) -> None:
+    """The filter `code` prints a command so; what a template encloses itself may break after two hyphens."""
+    assert not re.search(r"<code>\{\{[^}]*(command|words)", (TEMPLATES / name).read_text(encoding="utf-8"))
+
+
 def test_the_glossary_is_one_click_away_and_has_the_words_of_the_pages() -> None:
     page = render("identification.html.j2", title="t", about="", sections=[])
     assert page.index('href="#glossary"') < page.index("<h1>")
@@ -55,8 +61,11 @@ PRINTED = {
     "hyphens": ("2026-11-30, bar-3, Fig. 5-8, x=-4, -c", "2026-11-30, bar-3, Fig. 5-8, x=-4, -c"),
     "powers of ten": ("6.9e-06, -1.31e+06, 9.73e+03, 3e4a-5", "6.9_×_10⁻⁶, −1.31_×_10⁶, 9730, 3e4a-5"),
     "a number and its unit": ("18 % at 1.5 mm, 10 000 nodes", "18_% at 1.5_mm, 10_000 nodes"),
-    "an interval": ("529 [469, 615], 3 ± 1", "529 [469,_615], 3_±_1"),
-    "an equation": ("(p < 0.001), r = -0.15, e22 = ep1", "(p_&lt;_0.001), r_=_−0.15, e22 = ep1"),
+    "an interval": ("529 [469, 615], 3 ± 1, -1.15 … -0.75", "529 [469,_615], 3_±_1, −1.15_…_−0.75"),
+    "an equation": (
+        "(p < 0.001), |r| ≥ 0.98, r = -0.15, e22 = ep1",
+        "(p_&lt;_0.001), |r|_≥_0.98, r_=_−0.15, e22 = ep1",
+    ),
 }
 """Texts, and how a page prints them; _ is a space at which no line ends."""
 
