@@ -6,7 +6,7 @@ from rig.protocol import Field, RangeParameters, Rig, ScheduledParameters
 
 METADATA = {
     "title": "Step moved laterally across the pad",
-    "source": "Raju 1998, ch. 5: about 20 positions, 170 µm apart while the flank is near the pad's centre",
+    "source": "Raju 1998, ch. 5: about 20 positions, 170 µm apart while the flank is near the pad's center",
 }
 
 # Fine where the flank passes under the pad, wide outside; step 5 is long, so its schedule is wider.

@@ -336,7 +336,7 @@ def _draw_search(found: DecodeResult, picture: Path) -> None:
     assert found.bounds is not None
     whole = {"error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}
     surfaces = {title: surface(*ends) for title, ends in (whole | extents(found.path)).items()}
-    write_picture(search_figure(surfaces, {"univariate": found.path}, seen.true), picture)
+    write_picture(search_figure(surfaces, {"path of the search": found.path}, seen.true), picture)
 
 
 def _draw_pressures(found: DecodeResult, picture: Path) -> None:
