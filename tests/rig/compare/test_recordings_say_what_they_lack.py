@@ -274,6 +274,26 @@ UNOBSERVED = {
         of_amplifier(**PULSES, intervals__invalid_times__start_time=amplifier([55.0]),
                      intervals__invalid_times__stop_time=amplifier([65.0])), rates=ALL, lost=1,
     ),
+    **{
+        f"NWB, obs_intervals of more than the pulses{what}": Case(
+            "it was switched on after the press at 10 s and off before that at 80 s, whatever the file states",
+            of_amplifier([t for t in UNTIL_LOST if t > BEGAN_S], **pulses_at(amplifier(RISES[1:7])),
+                         **observed((0, 100))), columns, **right,
+        )
+        for what, columns, right in (
+            ("", (), {"rates": [8, 24, 12], "lost": 3, "read_as": "sync pulses are not in it"}),
+            (", observed throughout", ("observed=throughout",), {"rates": [4, 24, 12, 0], "silent": "are not in it"}),
+        )
+    },
+    "NWB, obs_intervals as far as the pulses": Case(
+        "it was silent at 70 s and off before the pulse of the press at 80 s, as the file states",
+        of_amplifier(UNTIL_LOST, **pulses_at(amplifier(RISES[:7])), **observed((0, 75))), rates=[*ALL[:3], 0], lost=1,
+        silent="are not in it",
+    ),
+    "NWB, a pulse in the middle is missing": Case(
+        "it was on from the first pulse to the last, and silent at 70 and 80 s",
+        of_amplifier(UNTIL_LOST, **pulses_at(amplifier(RISES[:3] + RISES[4:]))), rates=[*ALL[:3], 0],
+    ),
     "NIX, t_start and t_stop": Case(
         "presses at 10, 70 and 80 s are outside of the spike train's span",
         nix(BEGAN_S, LOST_S), ("sync=none",), rates=[8, 24, 12], lost=3,
