@@ -104,7 +104,7 @@ class SpikeTimes:
             return "the unit was observed throughout"
         if np.isinf(self.events_s).all():
             return f"the unit was observed from {spans}"
-        throughout = "if to the end of the run, use --columns observed=throughout"
+        throughout = "if throughout the run, use --columns observed=throughout"
         if np.isinf(self.observed_s).all() and len(self.observed_s) == 1:
             return f"the file has events from {spans}, and does not state how long it recorded; {throughout}"
         return f"the unit was observed from {spans}, as its intervals state and its events show; {throughout}"

@@ -291,6 +291,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         _refuse_pulses_beside(path, rows)
     of_file, of_unit = ({kind: list[float]() for kind in _KINDS} for _ in range(2))
     units: dict[str | float, str] = {}
+    fired: dict[str | float, str] = {}
+    limited: dict[str | float, Row] = {}
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
         if said not in _KINDS:
@@ -300,15 +302,26 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         if of_a_unit and (same := units.setdefault(label_key(name), name)) != name:
             expected = f"{same!r}, if this is the same unit; name each unit in one way"
             raise row.wrong("unit", "unclear_name", expected)
+        if said == "spike":
+            fired[label_key(name)] = name
+        elif of_a_unit:
+            limited.setdefault(label_key(name), row)
         seconds = row.number(role_name("time"))
         if not of_a_unit:
             of_file[said].append(seconds)
         elif not unit or label_key(unit) == label_key(name):
             of_unit[said].append(seconds)
+    named = [name or "(empty)" for name in fired.values()][:_MOST_LISTED]
+    for key, row in limited.items():
+        if fired and key not in fired and key != label_key(unit):
+            expected = (
+                f"a unit with spikes ({', '.join(named)}); correct it, or, if this unit has none, delete the row"
+            )
+            raise row.wrong("unit", "unclear_name", expected)
     if (unit and label_key(unit) not in units) or (not unit and len(units) > 1):
         problem = f"there is no unit {unit}" if unit else f"{len(units)} units"
         file = path.name + "#SHEET" * (path.suffix.lower() == ".xlsx")
-        ids = ", ".join([name or "(empty)" for name in units.values()][:_MOST_LISTED]) or "none"
+        ids = ", ".join(named) or "none"
         raise RecordingError(
             f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
             "no_unit" if unit else "several_units",
