@@ -222,6 +222,11 @@ class Run:
             f"{left_out}; put back an undamaged copy if you have one"
         )
 
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on a damaged journal, and on other files that are not those of the run."""
+        return [one for one in (self.warning, self.folder.warning) if one is not None]
+
     @cached_property
     def state(self) -> "RunState":
         """State of the run at its end."""
