@@ -17,7 +17,7 @@ from rig.cli.recorded_run import recorded_run
 from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
-from rig.compare.comparison_rows import fingers_as_json
+from rig.compare.comparison_rows import fingers_as_json, warnings_as_json
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
@@ -281,6 +281,8 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
         result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
         if (with_fingers := fingers_as_json(comparison)) is not None:
             result["fingers"] = with_fingers
+        if with_warnings := warnings_as_json(runs):
+            result["warnings"] = with_warnings
         print_json(result)
     else:
         _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))

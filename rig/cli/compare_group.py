@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NotRequired
 
 from rig.cli.output import busy, out, print_json
 from rig.compare.comparison import LeftOutOfRecordingJson, compare, left_out_rows
+from rig.compare.comparison_rows import RunWarningJson, warnings_as_json
 from rig.compare.group import group_verdict
 from rig.compare.group_text import (
     AfferentAnswerJson,
@@ -60,6 +61,7 @@ class GroupJson(Output):
     report: File
     recordings: list[RecordingJson]
     clock_shift: ClockShiftJson | None
+    warnings: NotRequired[list[RunWarningJson]]
 
 
 def named_group(recorded: Sequence[str]) -> Path | None:
@@ -161,6 +163,8 @@ def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
             "recordings": recordings_as_json(found),
             "clock_shift": shift_as_json(shift),
         }
+        if with_warnings := warnings_as_json(of.runs):
+            result["warnings"] = with_warnings
         print_json(result)
         return
     out.print(page.title)

@@ -22,6 +22,5 @@ def recorded_run(path: Path, *, prints_state: bool = False) -> Run:
 
 def warn_of_damage(run: Run) -> None:
     """Print one line about a damaged journal, and one about other files that are not those of the run."""
-    for warning in (run.warning, run.folder.warning):
-        if warning is not None:
-            complain(warning)
+    for warning in run.warnings:
+        complain(warning)

@@ -18,6 +18,7 @@ from rig.compare.spike_clock import ClockShiftJson, RecordingJson
 from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
 from rig.compare.verdict import AfferentVerdict, Candidate, Outcome, PairRow, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
+from rig.data import Run
 from rig.units import unit_of_key
 from rig_shared.outputs import File, Interval, Name, Output, Ratio, Shape, Unit
 from sim.measures.measures import BY_NAME, MEASURES, MeasureName
@@ -296,6 +297,13 @@ class PhaseJson(Output):
     rows: list[PhaseCandidateJson]
 
 
+class RunWarningJson(Output):
+    """A run whose journal is damaged, or a file of which has changed since it began."""
+
+    run: Name
+    warning_text: str
+
+
 class CompareJson(Output):
     """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
 
@@ -316,6 +324,12 @@ class CompareJson(Output):
     places: list[PlaceJson]
     fingers: NotRequired[PlausibleFingersJson]
     phases: NotRequired[list[PhaseJson]]
+    warnings: NotRequired[list[RunWarningJson]]
+
+
+def warnings_as_json(runs: Sequence[Run]) -> list[RunWarningJson]:
+    """Return the warnings of damaged and changed runs for `--json`."""
+    return [{"run": run.folder.path.name, "warning_text": one} for run in runs for one in run.warnings]
 
 
 def as_json(

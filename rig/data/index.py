@@ -20,7 +20,7 @@ from rig.data.folder import RunFolder
 from rig.data.tables import HOLD_COLUMNS, Row, Summary, alive, summarised
 
 INDEX = ".runs.sqlite"
-_EDITION = 3  # Increase it when the same columns change their meaning.
+_EDITION = 4  # Increase it when the same columns change their meaning.
 _MARK = zlib.crc32(repr((_EDITION, [field.name for field in fields(Summary)], HOLD_COLUMNS)).encode()) & 0x7FFFFFFF
 _BUSY_S = 2.0
 _PASSING = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)

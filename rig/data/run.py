@@ -19,6 +19,7 @@ from rig.data.run_status import RunStatus
 from rig.data.run_time import RunTime
 from rig.errors import RigError
 from rig_shared.outputs import Name, Output
+from rig_shared.plural import number_of
 from rig_shared.user_files import json_of, open_file, read_text
 
 if TYPE_CHECKING:
@@ -214,13 +215,21 @@ class Run:
         line, problem = self.damage[0]
         more = f", and {len(self.damage) - 1} more places" if len(self.damage) > 1 else ""
         presses = ", ".join(map(str, sorted(self.damaged)))
-        left_out = (
-            f"; presses left out: {presses}, which `rig resume` repeats" if presses else "; no press is left out"
-        )
+        left_out = f"; presses left out: {presses}, which `rig resume` repeats" if presses else ""
+        if self.missing:
+            left_out += (
+                f"; {len(self.done)} of {number_of(self.start['planned_indentations'], 'presses')} can be read"
+            )
+        left_out = left_out or "; no press is left out"
         return (
             f"run folder {self.folder.path}: {self.folder.events.name} is damaged, line {line}: {problem}{more}"
             f"{left_out}; put back an undamaged copy if you have one"
         )
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on a damaged journal, and on other files that are not those of the run."""
+        return [one for one in (self.warning, self.folder.warning) if one is not None]
 
     @cached_property
     def state(self) -> "RunState":

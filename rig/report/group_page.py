@@ -63,6 +63,7 @@ def write_group_page(path: Path, page: GroupPage) -> None:
         "identification.html.j2",
         title=page.title,
         about=source_line(page.runs),
+        runs=page.runs,
         sections=group_sections(page),
     )
     replace_text(path, html)

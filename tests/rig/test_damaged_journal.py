@@ -122,6 +122,24 @@ def test_a_damaged_press_is_left_out_and_the_others_stay(folder: Path, what: str
     assert (listed.done, listed.state) == (len(run.done), summary_of(run).state)
 
 
+@pytest.mark.parametrize(
+    ("spoil", "left"),
+    [
+        (lambda text: text.replace(b"\n", b"\r\n"), "; 0 of 3 presses can be read"),
+        (lambda text: text.decode().encode("utf-16"), "; 0 of 3 presses can be read"),
+        (lambda text: text.replace(b'"title": "', b'"title": "a ', 1), "; no press is left out"),
+    ],
+    ids=["CRLF", "UTF-16", "the first line alone"],
+)
+def test_a_damaged_journal_says_how_many_presses_can_be_read(
+    spoil: Callable[[bytes], bytes], left: str, folder: Path
+) -> None:
+    journal = folder / "events.jsonl"
+    journal.write_bytes(spoil(journal.read_bytes()))
+    assert left in str(read_run(folder).warning)
+    assert left in summary_of(read_run(folder, only=LISTED)).damage
+
+
 def test_the_checksum_of_each_line_fits_it_alone(folder: Path) -> None:
     lines = _lines(folder)
     assert all(fits(line.rstrip(b"\n")) for line in lines)

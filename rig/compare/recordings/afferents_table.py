@@ -4,7 +4,7 @@ Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; file
 folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
 """
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -194,16 +194,14 @@ def _row(where: str, row: Row) -> _Named:
 
 
 def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:
-    named = []
-    for number, (afferent, file) in enumerate(_files(path), 1):
-        stem = file.stem if file.is_file() else file.name
-        shape = stem if ":" in stem else stem.replace("-", ":", 1)
-        named.append(_Named(str(file), number, same_name(afferent), shape, str(file)))
-    return named, []
-
-
-def _files(path: Path) -> Iterator[tuple[str, Path]]:
+    named, wrong, number = [], [], 0
     for folder in sorted(one for one in path.iterdir() if one.is_dir() and not one.name.startswith(".")):
-        for file in sorted(folder.iterdir()):
-            if not file.name.startswith("."):
-                yield folder.name, file
+        files = sorted(file for file in folder.iterdir() if not file.name.startswith("."))
+        if not files:
+            wrong.append((number, f"{folder}: has no recording; put its files back, or remove the folder"))
+        for file in files:
+            number += 1
+            stem = file.stem if file.is_file() else file.name
+            shape = stem if ":" in stem else stem.replace("-", ":", 1)
+            named.append(_Named(str(file), number, same_name(folder.name), shape, str(file)))
+    return named, wrong

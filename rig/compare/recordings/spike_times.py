@@ -65,8 +65,8 @@ class SpikeTimes:
     """Spikes of one unit in s since the start of the run, ascending.
 
     `observed_s` (n, 2) are the intervals in which the file says that the unit was observed, infinite where it does
-    not say when they begin or end. There `events_s`, from the first to the last event of the file, limits them, and a
-    press that it touches counts.
+    not say when they begin or end. There, and where they have pulses of the run that are not in the file,
+    `events_s`, from the first to the last event of the file, limits them, and a press that it touches counts.
     """
 
     spike_s: Array
@@ -104,7 +104,7 @@ class SpikeTimes:
             return "the unit was observed throughout"
         if np.isinf(self.events_s).all():
             return f"the unit was observed from {spans}"
-        throughout = "if to the end of the run, use --columns observed=throughout"
+        throughout = "if throughout the run, use --columns observed=throughout"
         if np.isinf(self.observed_s).all() and len(self.observed_s) == 1:
             return f"the file has events from {spans}, and does not state how long it recorded; {throughout}"
         return f"the unit was observed from {spans}, as its intervals state and its events show; {throughout}"

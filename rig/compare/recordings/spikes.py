@@ -31,7 +31,14 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, union
-from rig.compare.recordings.sync_pulses import NO_PULSES, ClockFit, called_like_pulses, fitted_clock, leading_edges
+from rig.compare.recordings.sync_pulses import (
+    ALL_UNSEEN,
+    NO_PULSES,
+    ClockFit,
+    called_like_pulses,
+    fitted_clock,
+    leading_edges,
+)
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
@@ -70,8 +77,10 @@ def read_spike_times(
         raise RecordingError(
             f"{_unit_in(path, unit)}: contains no spikes; at least one spike time is required", "no_spikes"
         )
-    if columns.observed_throughout or ("observed" in columns.named and not is_nwb(path)):
-        found = _throughout(path, found, columns)
+    if "observed" in columns.named and not is_nwb(path) and not columns.observed_throughout:
+        raise _no_observed(path, columns["observed"].name, "it must be throughout (a CSV states intervals in rows of "
+                           "kind start and stop)")  # fmt: skip
+    found = replace(found, throughout=columns.observed_throughout)
     found = _without_doubles(path, unit, leading_edges(_in_order(found), _width_s(run)))
     times = _on_the_runs_clock(path, found, run)
     _refuse_another_clock(path, found, times, run)
@@ -167,18 +176,8 @@ _TICK_S = 1e-6
 _FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05
 
 
-def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes:
-    """Return the spikes of a unit that was observed throughout, as the user states."""
-    if not columns.observed_throughout or not np.isinf(found.observed_s).any():
-        problem = (
-            "the file states when the unit was observed"
-            if columns.observed_throughout
-            else "it must be throughout (a CSV states intervals in rows of kind start and stop)"
-        )
-        raise RecordingError(
-            f"{path}: --columns observed={columns['observed'].name} cannot be used: {problem}", "no_observed"
-        )
-    return replace(found, throughout=True)
+def _no_observed(path: Path, name: str, problem: str) -> RecordingError:
+    return RecordingError(f"{path}: --columns observed={name} cannot be used: {problem}", "no_observed")
 
 
 def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
@@ -190,25 +189,36 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     spike_s = fit.run_s(found.spike_s)
     notes = [*_outside_run(found.spike_s, spike_s, run.end_s), *_short_intervals(spike_s, run.end_s)]
     found = replace(found, notes=(*found.notes, *notes))
-    observed_s, events_s = fit.run_s(found.observed_s), (-np.inf, np.inf)
-    every_s = np.concatenate([spike_s, fit.run_s(found.pulse_s)])
-    if len(every_s) and not (found.throughout or fit.complete):
-        events_s = (
-            float(every_s.min()) if np.isneginf(observed_s).any() else -np.inf,
-            float(every_s.max()) if np.isposinf(observed_s).any() else np.inf,
-        )
-    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
+    observed_s, every_s = fit.run_s(found.observed_s), np.concatenate([spike_s, fit.run_s(found.pulse_s)])
+    is_open = [bool(some.any()) for some in (np.isneginf(observed_s), np.isposinf(observed_s))]
+    beyond = [bool(_are_inside(observed_s, some).any()) and len(every_s) > 0 for some in fit.unseen_s]
+    if found.throughout:
+        if not any((*is_open, *beyond)):
+            raise _no_observed(path, "throughout", "the file states when the unit was observed")
+        beyond = [False, False]
+    events_s = float(every_s.min()) if beyond[0] else -np.inf, float(every_s.max()) if beyond[1] else np.inf
+    stated = any(one and not left for one, left in zip(beyond, is_open, strict=True)) * (_MORE_THAN_PULSES,)
+    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated)
     return SpikeTimes(spike_s, observed_s, events_s, fit.clock, every, found.read_as)
 
 
 def _not_observed(spike_s: Array, observed_s: Array) -> list[str]:
     """Return a sentence on the spikes that lie outside of the intervals; none for none."""
-    first, last = union(observed_s).T
-    inside = np.searchsorted(first, spike_s, side="right") > np.searchsorted(last, spike_s, side="left")
-    outside = int(np.count_nonzero(~inside))
+    outside = int(np.count_nonzero(~_are_inside(observed_s, spike_s)))
     lie = "lies" if outside == 1 else "lie"
     return [f"{outside} of {number_of(len(spike_s), 'spikes')} {lie} outside of the times at which the unit was "
             "observed."] if outside else []  # fmt: skip
+
+
+def _are_inside(spans_s: Array, times_s: Array) -> NDArray[np.bool_]:
+    first, last = union(spans_s).T
+    return np.searchsorted(first, times_s, side="right") > np.searchsorted(last, times_s, side="left")
+
+
+_MORE_THAN_PULSES = (
+    "The file states that the unit was observed at times whose sync pulses are not in it, before its first or after "
+    "its last event: these times count as not observed."
+)
 
 
 def _width_s(run: Run) -> float:
@@ -217,21 +227,22 @@ def _width_s(run: Run) -> float:
     return float(np.median(widths)) if widths else np.nan
 
 
+_OF_RUN = SpikeClock("run", "Times are the run's: the file was exported from it.")
 _STATED = SpikeClock("stated", "Times are those of the run's journal (t_s), as sync=none states.")
 
 
 def _without_pulses(path: Path, found: UnitSpikes, made: int) -> ClockFit:
     if found.of_run:
-        return ClockFit(1.0, 0.0, False, SpikeClock("run", "Times are the run's: the file was exported from it."))
+        return ClockFit(1.0, 0.0, ALL_UNSEEN, _OF_RUN)
     if found.stated:
-        return ClockFit(1.0, 0.0, False, _STATED)
+        return ClockFit(1.0, 0.0, ALL_UNSEEN, _STATED)
     if made:
         raise RecordingError(
             f"{path}: has no sync pulses, but the run made {made}; export them with the spikes (in a CSV as rows "
             "of kind sync), or, if times are those of the run's journal (t_s), use --columns sync=none",
             "no_pulses_in_file",
         )
-    return ClockFit(1.0, 0.0, False, SpikeTimes(found.spike_s).clock)
+    return ClockFit(1.0, 0.0, ALL_UNSEEN, SpikeTimes(found.spike_s).clock)
 
 
 def _refuse_another_clock(path: Path, found: UnitSpikes, times: SpikeTimes, run: Run) -> None:
@@ -280,6 +291,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         _refuse_pulses_beside(path, rows)
     of_file, of_unit = ({kind: list[float]() for kind in _KINDS} for _ in range(2))
     units: dict[str | float, str] = {}
+    fired: dict[str | float, str] = {}
+    limited: dict[str | float, Row] = {}
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
         if said not in _KINDS:
@@ -289,15 +302,26 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         if of_a_unit and (same := units.setdefault(label_key(name), name)) != name:
             expected = f"{same!r}, if this is the same unit; name each unit in one way"
             raise row.wrong("unit", "unclear_name", expected)
+        if said == "spike":
+            fired[label_key(name)] = name
+        elif of_a_unit:
+            limited.setdefault(label_key(name), row)
         seconds = row.number(role_name("time"))
         if not of_a_unit:
             of_file[said].append(seconds)
         elif not unit or label_key(unit) == label_key(name):
             of_unit[said].append(seconds)
+    named = [name or "(empty)" for name in fired.values()][:_MOST_LISTED]
+    for key, row in limited.items():
+        if fired and key not in fired and key != label_key(unit):
+            expected = (
+                f"a unit with spikes ({', '.join(named)}); correct it, or, if this unit has none, delete the row"
+            )
+            raise row.wrong("unit", "unclear_name", expected)
     if (unit and label_key(unit) not in units) or (not unit and len(units) > 1):
         problem = f"there is no unit {unit}" if unit else f"{len(units)} units"
         file = path.name + "#SHEET" * (path.suffix.lower() == ".xlsx")
-        ids = ", ".join([name or "(empty)" for name in units.values()][:_MOST_LISTED]) or "none"
+        ids = ", ".join(named) or "none"
         raise RecordingError(
             f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
             "no_unit" if unit else "several_units",

@@ -102,13 +102,21 @@ class _Match(NamedTuple):
     rises: NDArray[np.int64]
     worst_s: float
 
+    def unseen_s(self, rise_s: Array) -> tuple[Array, Array]:
+        """Return the rises before the first and after the last that has a pulse."""
+        return rise_s[: self.rises[0]], rise_s[self.rises[-1] + 1 :]
+
 
 class ClockFit(NamedTuple):
-    """The run's time as a line over the file's time, and whether every pulse of the run is in the file."""
+    """The run's time as a line over the file's time.
+
+    `unseen_s` are the times of the run's pulses before the first and after the last that is in the file, infinite if
+    the file has no pulses.
+    """
 
     slope: float
     offset_s: float
-    complete: bool
+    unseen_s: tuple[Array, Array]
     clock: SpikeClock
 
     def run_s(self, file_s: Array) -> Array:
@@ -116,6 +124,10 @@ class ClockFit(NamedTuple):
         if self.slope == 1.0 and self.offset_s == 0.0:
             return file_s
         return np.asarray(self.slope * file_s + self.offset_s)
+
+
+NONE_UNSEEN = np.empty(0), np.empty(0)
+ALL_UNSEEN = np.array([-np.inf]), np.array([np.inf])
 
 
 def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = math.nan) -> ClockFit:
@@ -130,20 +142,20 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
     """
     if np.array_equal(pulse_s, rise_s):
         text = "Times are the run's: the pulses equal those of its journal."
-        return ClockFit(1.0, 0.0, True, SpikeClock("run", text, 0.0, 0.0, 0.0))
+        return ClockFit(1.0, 0.0, NONE_UNSEEN, SpikeClock("run", text, 0.0, 0.0, 0.0))
     if len(pulse_s) == len(rise_s) == 1:
         at_start_s = float(pulse_s[0] - rise_s[0])
         text = (
             f"By a single pulse, the file's clock reads {at_start_s:.3f} s at the start of the run; its drift is "
             "unknown."
         )
-        return ClockFit(1.0, -at_start_s, True, SpikeClock("pulses", text, at_start_s=at_start_s))
+        return ClockFit(1.0, -at_start_s, NONE_UNSEEN, SpikeClock("pulses", text, at_start_s=at_start_s))
     both = () if _every(pulse_s, rise_s) is not None else _first_of_both_edges(pulse_s, len(rise_s), width_s)
     for first_s in both:
         if (found := _matched(path, first_s, rise_s)) is not None and abs(found.slope - 1) <= MOST_DRIFT:
             about = _described(found, first_s, rise_s)
             about = about._replace(text=f"{about.text} Both edges of the pulses are in the file; the first counts.")
-            return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), about)
+            return ClockFit(found.slope, found.offset_s, found.unseen_s(rise_s), about)
     found = _matched(path, pulse_s, rise_s)
     if found is None:
         raise _not_the_runs(path, pulse_s, rise_s)
@@ -152,7 +164,7 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
     about = _described(found, pulse_s, rise_s)
     lasts = "" if math.isnan(width_s) else f", which last {width_s:g} s"
     about = about._replace(text=f"{about.text} The pulses are taken as the beginnings of those of the run{lasts}.")
-    return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), about)
+    return ClockFit(found.slope, found.offset_s, found.unseen_s(rise_s), about)
 
 
 def _matched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:

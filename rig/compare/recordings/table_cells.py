@@ -42,6 +42,7 @@ _MOST_UNPACKED = 60_000_000
 _MOST_CELLS = 2_000_000
 _MOST_LISTED, _MOST_SHOWN = 20, 40
 _SEPARATORS = (",", ";", "\t")
+_COMMENT = ("#", "%", "//")
 _SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _WORKBOOK = ".xlsx"
 
@@ -91,17 +92,18 @@ def table_lines(path: Path) -> Lines:
     header = [" ".join(same_name(cell).split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
-        if cells and cells[0].startswith("#"):
+        if cells and cells[0].startswith(_COMMENT):
+            sign = next(sign for sign in _COMMENT if cells[0].startswith(sign))
             raise RecordingError(
                 f"{path}, row {number}: begins with {cells[0][:_MOST_SHOWN]!r}, as a comment does; delete the row or "
-                "the sign #",
+                f"the sign {sign}",
                 "comment_row",
             )
         yield number, _without_empty_ends(cells, len(header))
 
 
 def _is_above(cells: list[str]) -> bool:
-    return bool(cells) and (not any(cells) or cells[0].startswith("#") or _is_separator_line(cells))
+    return bool(cells) and (not any(cells) or cells[0].startswith(_COMMENT) or _is_separator_line(cells))
 
 
 def _is_separator_line(cells: list[str]) -> bool:
@@ -163,7 +165,7 @@ def _of_csv(path: Path, content: bytes) -> Lines:
 def _header(lines: Iterator[str]) -> tuple[int, str, str]:
     """Return the row, the text and the separator of the first line with names of columns."""
     row, header = 1, next(lines, "")
-    while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
+    while header and (header.startswith(_COMMENT) or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
         row, header = row + 1, next(lines, "")
     return row, header, max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
 

@@ -192,3 +192,15 @@ def test_a_wrong_table(folder: Path, stimuli: list[StimulusRow], header: str, ro
 def test_an_empty_folder(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
     with raises(RecordingError, "no_rows", path=str(tmp_path)):
         read(tmp_path, stimuli)
+
+
+def test_an_afferent_whose_folder_is_empty_is_not_left_out_silently(
+    tmp_path: Path, stimuli: list[StimulusRow]
+) -> None:
+    """Its file may have been lost in copying, as a file that a table names and that is missing."""
+    for name, file in (("a1", "bar-3.csv"), ("a2", ".notes")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / file).write_text(CSV, encoding="utf-8")
+    with raises(RecordingError, "bad_rows", path=str(tmp_path), bad=1) as caught:
+        read(tmp_path, stimuli)
+    assert f"{tmp_path / 'a2'}: has no recording" in str(caught.value)

@@ -1,5 +1,6 @@
 """`rig compare` and `rig export`, as people call them."""
 
+import html
 import json
 import shutil
 from collections import Counter
@@ -339,6 +340,33 @@ def afferents(stimulus: StimulusRow, tmp_path: Path) -> Path:
     path = tmp_path / "afferents.csv"
     path.write_text("\n".join([*rows, "a2,bar:3.0,0.4,silent.csv"]) + "\n", encoding="utf-8")
     return path
+
+
+@no_figures
+@pytest.mark.parametrize("recorded", ["", "bar:3.0={csv}", "{group}"])
+def test_a_changed_run_has_its_warnings_on_the_page_and_in_the_answer(
+    recorded: str, command: Command, run: Run, csv: Path, afferents: Path, tmp_path: Path
+) -> None:
+    """On the page of a run, of a comparison and of a group, as on the terminal."""
+    folder = Path(shutil.copytree(run.folder.path, tmp_path / "changed"))
+    with (folder / "events.jsonl").open("ab") as file:
+        file.write(b"rubbish\n")
+    with (folder / "config.toml").open("a", encoding="utf-8") as file:
+        file.write("\n# by hand\n")
+    wanted = read_run(folder).warnings
+    assert len(wanted) == 2
+    if recorded:
+        recorded = recorded.format(csv=csv, group=afferents)
+        code, out, err = command("compare", folder, "--recorded", recorded, "--out", "w.html", "--json")
+        assert [one["warning_text"] for one in json.loads(out)["warnings"]] == wanted
+        page = Path("w.html").read_text(encoding="utf-8")
+    else:
+        code, _, err = command("export", folder, "--report")
+        page = (folder / "report.html").read_text(encoding="utf-8")
+    assert code == 0
+    for one in wanted:
+        assert one in err
+        assert one in html.unescape(page)
 
 
 @no_figures

@@ -199,7 +199,9 @@ def units_csv(unit: str, *rows: str) -> Callable[[Path], str]:
     """A table of a unit a, or 1.0, and of a unit b after 25 s, with more rows, of which `unit` is chosen."""
     a = "1.0" if unit == "1" else "a"
     spikes = [f"{t},spike,{a}" for t in TIMES] + [f"{t},spike,b" for t in TIMES if t > 25]
-    return lambda folder: text("\n".join(["time_s,kind,unit", *rows, *spikes]) + "\n")(folder) + f"#{unit}"
+    return lambda folder: (
+        text("\n".join(["time_s,kind,unit", *rows, *spikes]) + "\n")(folder) + f"#{unit}" * bool(unit)
+    )
 
 
 SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
@@ -273,6 +275,26 @@ UNOBSERVED = {
         "the press at 60 s is invalid; the other at 0.25 mm has 6 spikes in half a second",
         of_amplifier(**PULSES, intervals__invalid_times__start_time=amplifier([55.0]),
                      intervals__invalid_times__stop_time=amplifier([65.0])), rates=ALL, lost=1,
+    ),
+    **{
+        f"NWB, obs_intervals of more than the pulses{what}": Case(
+            "it was switched on after the press at 10 s and off before that at 80 s, whatever the file states",
+            of_amplifier([t for t in UNTIL_LOST if t > BEGAN_S], **pulses_at(amplifier(RISES[1:7])),
+                         **observed((0, 100))), columns, **right,
+        )
+        for what, columns, right in (
+            ("", (), {"rates": [8, 24, 12], "lost": 3, "read_as": "sync pulses are not in it"}),
+            (", observed throughout", ("observed=throughout",), {"rates": [4, 24, 12, 0], "silent": "are not in it"}),
+        )
+    },
+    "NWB, obs_intervals as far as the pulses": Case(
+        "it was silent at 70 s and off before the pulse of the press at 80 s, as the file states",
+        of_amplifier(UNTIL_LOST, **pulses_at(amplifier(RISES[:7])), **observed((0, 75))), rates=[*ALL[:3], 0], lost=1,
+        silent="are not in it",
+    ),
+    "NWB, a pulse in the middle is missing": Case(
+        "it was on from the first pulse to the last, and silent at 70 and 80 s",
+        of_amplifier(UNTIL_LOST, **pulses_at(amplifier(RISES[:3] + RISES[4:]))), rates=[*ALL[:3], 0],
     ),
     "NIX, t_start and t_stop": Case(
         "presses at 10, 70 and 80 s are outside of the spike train's span",
@@ -357,6 +379,14 @@ UNOBSERVED = {
         "its time is stated, so it is there", units_csv("c", "0,start,c", "100,stop,c"), code="no_spikes",
         pulses=False,
     ),
+    **{
+        f"CSV, a stop of a unit without spikes, and {which}": Case(
+            "the name may be that of the unit which was lost, written in another way",
+            units_csv(unit, f"{LOST_S},stop,unit 1"), code="unclear_name", pulses=False,
+            says=("row 2, column unit: 'unit 1' must be a unit with spikes (a, b)", "delete the row"),
+        )
+        for which, unit in (("another chosen", "a"), ("none chosen", ""), ("one that is not there", "d"))
+    },
     "nothing observed": Case(
         "no press is left", of_amplifier([0.5], **PULSES, **observed((0, 1))), code="few_positions",
         says=("8 of 8 presses are not observed",),
@@ -1728,18 +1758,20 @@ def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -
     assert any(word in str(caught.value) for word in ("furlong", "slug"))
 
 
+@pytest.mark.parametrize("sign", ["#", "%", "//"])
 @pytest.mark.parametrize("name", [*TABLES, "rates", "spikes of units"])
-def test_a_row_that_is_commented_out_is_in_no_table(name: str, tmp_path: Path) -> None:
-    """It does not count, and as a label that begins with # it would."""
+def test_a_row_that_is_commented_out_is_in_no_table(name: str, sign: str, tmp_path: Path) -> None:
+    """It does not count, and as a label that begins with the sign it would; above the header it is a comment."""
     others = {
         "rates": (read_srp, "repeat|position_mm|rate", "a|0|1"),
         "spikes of units": (lambda path: read_spike_times(path, journal(tmp_path), "a"), "unit|time_s", "a|10"),
     }
     read, header, row = TABLES[name][:3] if name in TABLES else others[name]
-    path = Path(table(header.format(um="um", mN="mN"), row, f"#{row}")(tmp_path))
+    path = Path(table(f"{sign} one", header.format(um="um", mN="mN"), row, f"{sign}{row}")(tmp_path))
     with raises(RecordingError, "comment_row", path=str(path)) as caught:
         read(path)
-    assert "row 3" in str(caught.value)
+    assert "row 4" in str(caught.value)
+    assert str(caught.value).endswith(f"the sign {sign}")
 
 
 @pytest.mark.parametrize("name", TABLES)
