@@ -1,5 +1,6 @@
 """The program run in this process, and how it ended."""
 
+import html
 import io
 import json
 import re
@@ -89,6 +90,12 @@ class Ended:
 
 
 Program = Callable[..., Ended]
+
+
+def text_of_page(page: str) -> str:
+    """Return what a page says, without its tags, as a terminal would print it."""
+    printed = html.unescape(re.sub(r"<[^>]*>", "", re.sub(r"<(style|script).*?</\1>", "", page, flags=re.S)))
+    return printed.replace("\N{NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-")
 
 
 def functions() -> Iterator[tuple[list[str], Callable[..., None]]]:

@@ -21,7 +21,7 @@ from rig.engine.contact import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH, Known
 from rig.session import early_ending
 from sim.models.fingertip import Fingertip
 from tests.preloaded import Popen
-from tests.program import FRAME_NEAR_HOME, Ended, Program
+from tests.program import FRAME_NEAR_HOME, Ended, Program, text_of_page
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -204,7 +204,7 @@ def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
     assert words.startswith(f"{end.left}, at x = -0.50 mm, ")
     assert (MAY_TOUCH if end.may_touch else DOES_NOT_TOUCH) in words
     if (folder / "report.html").exists():
-        report = (folder / "report.html").read_text(encoding="utf-8")
+        report = text_of_page((folder / "report.html").read_text(encoding="utf-8"))
         assert words in report
         assert resume in report
         last = list(read_journal(folder / "events.jsonl"))[-1]

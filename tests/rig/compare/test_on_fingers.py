@@ -17,7 +17,7 @@ from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
-from tests.program import Ended, Program
+from tests.program import Ended, Program, text_of_page
 from tests.rig.compare.conftest import dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -113,7 +113,7 @@ def test_the_command(compared: Callable[..., Ended], tmp_path: Path, work: Count
     page = a.read_text(encoding="utf-8")
     assert "Plausible fingers" in page
     assert hashlib.sha256(ranges.read_bytes()).hexdigest() in page
-    assert f"--fingers={ranges}" in page
+    assert f"--fingers={ranges}" in text_of_page(page)
     assert answer["fingers"]["ranges"] == [{"name": "tissue.epidermis_mm", "low": 0.3, "high": 0.5, "unit": "mm"}]
     assert answer["fingers"]["built"] == 3
     row = next(row for row in answer["fingers"]["joint"] if row["measure"] == "sed")
