@@ -368,8 +368,8 @@ class IndentRequest:
         Needs("--length-mm", ("--model section", "--model auto")),
         Excludes("--friction", ("--model auto", "--other-paths", "--shape point"), "friction_with"),
         Needs("--shape point", ("--model finger", "--model section"), "no_point_loads"),
-        Needs("--shape point", ("--force-gwt",), "point_load"),
         Excludes("--shape point", ("--doi-mm",), "point_load", "a point load has no depth"),
+        Needs("--shape point", ("--force-gwt",), "point_load"),
         Excludes("--shape point", ("--picture",), "point_load", "a point load has no contact to plot"),
         Excludes("--shape point", ("--deflection",), "point_load", "a point load has no stored skin deflection"),
     )

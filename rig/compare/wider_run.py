@@ -190,10 +190,9 @@ class _Planned:
         """Return the first x of the protocol's range that the planner refuses, or None."""
         if self._script is None:
             return None
-        parameters = _ranged(self._script.parameters, low, high)
-        rig, walk = self._rig(parameters)
+        script = self._script.fresh()
+        rig, walk = self._rig(_ranged(script.parameters, low, high))
         try:
-            script = self._script.fresh()
             with impatient():
                 script.run(rig)
         except (*_REFUSED, SilentScriptError):

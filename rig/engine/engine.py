@@ -479,7 +479,7 @@ class Engine:
         except (InterruptedMotionError, StageError, TransportError) as error:
             reason = _not_left(reason, error)
         with contextlib.suppress(RecordError):
-            if not self.contact.at_rest:
+            if not (lifted and self.contact.at_rest):
                 self.measure_contact()
             if lifted:
                 self._journalled(self.after_lift())

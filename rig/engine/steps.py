@@ -9,12 +9,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from rig.devices.base import MoveError, StageError
+from rig.devices.base import MoveError, StageError, StageOverridden
 from rig.engine.contact import KnownContact
 from rig.engine.engine import Engine, State
 from rig.engine.jog import DOWN, UP, Direction, jogging, lift_from_rest, slices
-from rig.engine.limits import AT_MM, TRIP_MARGIN, SidewaysLimit, late_reading_s, park_height_mm
-from rig.engine.motion import Check, InterruptedMotionError, Outcome
+from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, SidewaysLimit, late_reading_s, park_height_mm
+from rig.engine.motion import Check, InterruptedMotionError, Outcome, insist
 from rig.engine.press import FrozenReading
 from rig.engine.sensing import NoReadingError, zero_readings_gwt
 from rig.engine.verbs import go_sideways
@@ -176,6 +176,7 @@ class Steps:
             known = engine.record_contact(force_gwt if sensing.absolute else None)
         if not known.may_touch and engine.state is State.IN_CONTACT:
             engine.enter_clearance()
+            engine.contact_time = ContactTime(engine.clock, engine.settings.limits)  # of this contact
         return StepEnd(known, force_gwt)
 
     def _ended(self, motion: Callable[[], RigError | None]) -> StepEnd:
@@ -184,6 +185,14 @@ class Steps:
             ended_by: RigError | None = motion()
         except TripError as trip:
             ended_by = trip
+        except LimitError as limit:
+            if limit.code != "contact_time":
+                raise
+            ended_by = limit
+            try:
+                engine.lift()
+            except TripError as trip:
+                ended_by = trip
         except MoveError as error:
             raise LimitError(f"{error}; nothing was moved", "refused_by_the_stage") from error
         finally:
@@ -207,6 +216,12 @@ class Steps:
                 return None
             words = f"{error}; nothing was moved; to move without force, use --without-force"
             raise LimitError(words, error.code) from error
+        if not up and engine.contact_time.over:
+            raise LimitError(
+                f"the finger has been touched for longer than limits.max_contact_s = "
+                f"{engine.settings.limits.max_contact_s:g} s; nothing was moved: move up first",
+                "contact_time",
+            )
         if not up and (passed := engine.trips.passed_any(force_gwt)):
             raise LimitError(f"{passed}; nothing was moved: move up first, or run `rig zero`", passed.code)
         return force_gwt
@@ -272,6 +287,8 @@ class Steps:
             self._engine.settings.stage.resolution_mm,
         )
         descent = self._descent = self._descent or _Descent(engine, force_gwt, force_gwt)
+        if descent.touched_mm is None:  # What fell between two steps is a drift, and no pull.
+            descent.air_gwt = min(descent.air_gwt, force_gwt)
         descent.rest_gwt, left_mm = force_gwt, by_mm
         if problem := descent.touched(force_gwt):  # The finger came up since.
             return problem
@@ -387,7 +404,7 @@ class Steps:
         try:
             force_gwt = math.inf
             while by_mm > 0.0:
-                lift_from_rest(self._stage, engine.clock, by_mm, settings.habits.travel_speed_mm_s)
+                self._lift_by(by_mm)
                 lifted_mm += by_mm
                 before_gwt, force_gwt = force_gwt, abs(engine.sensing.settled().force_n / GWT_N)
                 falls = engine.sensing.touch_gwt <= force_gwt < before_gwt
@@ -395,7 +412,22 @@ class Steps:
         except NoReadingError:
             pass
         except (StageError, TransportError, InterruptedMotionError) as error:
-            return TripError(f"{trip}; and the lift failed: {error}", trip.code)
+            return TripError(f"{trip}; lifted by {lifted_mm:.2f} mm, then the lift failed: {error}", trip.code)
         finally:
             engine.sensing.moved = True
         return TripError(f"{trip}; lifted by {lifted_mm:.2f} mm", trip.code)
+
+    def _lift_by(self, by_mm: float) -> None:
+        """Lift from rest, also if an operator changes the speed meanwhile."""
+        engine, stage = self._engine, self._stage
+        to_mm = stage.status().z_mm + by_mm
+
+        def lift() -> None:
+            left_mm = to_mm - stage.status().z_mm
+            try:
+                lift_from_rest(stage, engine.clock, left_mm, engine.settings.habits.travel_speed_mm_s)
+            except StageOverridden as error:
+                stage.halt()
+                raise InterruptedMotionError(str(error), error.code) from error
+
+        insist(lift)

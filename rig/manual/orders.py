@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field, ValidationError
 
+from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.jog import Direction
 from rig.engine.steps import MOST_MM
@@ -40,12 +41,15 @@ class StepRequest(BaseModel):
 
 Order = StepRequest | Verb
 
+LATE_S = 1.0
+"""Longest time between an order for a step and its beginning (s)."""
+
 
 class Orders:
     """Next order from any thread, carried out by the moving thread; none is queued behind another."""
 
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
+    def __init__(self, clock: Clock) -> None:
+        self._lock, self._clock, self._taken_s = threading.RLock(), clock, 0.0
         self._next: Order | None = None
         self._doing: Order | None = None
         self.stopped = self.leaving = False
@@ -77,7 +81,7 @@ class Orders:
                 raise NotReadyError(f"stopped: {HOME_FIRST}", "stopped")
             if self.busy is not None or self.leaving:
                 raise NotReadyError(f"busy: {self.busy or 'leaving'}", "busy")
-            self._next = order
+            self._next, self._taken_s = order, self._clock.monotonic_s()
 
     def stop(self) -> None:
         """Drop the next order, and refuse all but homing."""
@@ -92,10 +96,12 @@ class Orders:
     # --- called by the moving thread ---
 
     def next(self) -> Order | None:
-        """Return the next order."""
+        """Return the next order; drop a step that had to wait, since nobody expects it any more."""
         with self._lock:
-            self._doing, self._next, self._stopped_since = self._next, None, False
-            return self._doing
+            late = self._clock.monotonic_s() - self._taken_s > LATE_S
+            order = None if late and isinstance(self._next, StepRequest) else self._next
+            self._doing, self._next, self._stopped_since = order, None, False
+            return order
 
     def over(self) -> None:
         """Mark the present order as ended."""

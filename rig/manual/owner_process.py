@@ -84,7 +84,7 @@ class ManualOwner:
         self._session = ManualSession(
             settings, bench, known, self._heard, lambda problem: self._status.unread(problem)
         )
-        self._orders, self._status = Orders(), ManualStatus(settings, bench.clock, self._session.sensing)
+        self._orders, self._status = Orders(bench.clock), ManualStatus(settings, bench.clock, self._session.sensing)
         self.answers = manual_answers(self._orders, self._status, bench.stage, gate)
         self._read_s = self._poll_s = bench.clock.monotonic_s()  # when each is due
         self._lost = False  # whether the stage must be connected again

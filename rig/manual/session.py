@@ -27,7 +27,7 @@ from rig.engine.jog import DOWN, UP, Direction
 from rig.engine.limits import AT_MM
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing, zero_readings_gwt
 from rig.engine.steps import StepEnd, Steps, resume_position
-from rig.errors import BadInputError, LimitError
+from rig.errors import BadInputError, LimitError, NotReadyError
 from rig.session.script_run import stopped_at_once
 from rig.settings import ZERO_LIFT_MM, RigSettings
 from rig.transport.wire import TransportError
@@ -145,7 +145,14 @@ class ManualSession:
             stage.trust_position()
         self.memory.moves()
         self._begin_engine(self._known.contact)
-        yield
+        try:
+            yield
+        except LimitError:  # Refused, at rest.
+            self._leave()
+            raise
+        self._leave()
+
+    def _leave(self) -> None:
         if self.homed:
             self.memory.left(self.ask_stage())
 
@@ -218,9 +225,11 @@ class ManualSession:
     def zero(self) -> str:
         """Zero the sensor, lift by `ZERO_LIFT_MM` and stay there; return the sensor's identification.
 
-        Raises LimitError without readings, if they scatter, or if the last recorded zero or the lift shows a contact;
-        StageError if the stage did not lift; ForceError, TransportError.
+        Raises NotReadyError after a trip; LimitError without readings, if they scatter, or if the last recorded zero
+        or the lift shows a contact; StageError if the stage did not lift; ForceError, TransportError.
         """
+        if self.tripped:
+            raise NotReadyError("zero: not allowed after a trip; home first", "tripped")
         self._steps.forget()
         last = self.memory.read()
         if last.zero is not None:

@@ -1,5 +1,6 @@
 """Manual control of a stage whose force sensor does not work: bounded jogs that nothing ends at a finger."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -30,7 +31,14 @@ class SessionWithoutForce:
         if self.memory.read().is_where_left(self._stage.status()):
             self._stage.trust_position()
         self.memory.moves()
-        yield
+        try:
+            yield
+        except LimitError:  # Refused, at rest.
+            self._leave()
+            raise
+        self._leave()
+
+    def _leave(self) -> None:
         if self._stage.homed:
             self.memory.left(self._stage.status())
 
@@ -47,8 +55,23 @@ class SessionWithoutForce:
         self._refuse_depth(direction, by_mm)
         if direction != UP:
             self.memory.touched(KnownContact(unix_s=self._clock.unix_s()))
-        jog(self._stage, self._clock, direction, by_mm, speed_mm_s)
+        limits, left_mm = self._settings.limits, by_mm
+        if direction == DOWN:
+            speed_mm_s = min(speed_mm_s, limits.max_press_speed_mm_s)
+        while left_mm > _TINY_MM:
+            part_mm = min(left_mm, self._longest_mm(direction))
+            jog(self._stage, self._clock, direction, part_mm, speed_mm_s)
+            left_mm -= part_mm
         return self.contact()
+
+    def _longest_mm(self, direction: Direction) -> float:
+        """Return the longest jog (mm): down it is an increment, or above clearance a step of the descent."""
+        if direction != DOWN:
+            return math.inf
+        habits = self._settings.habits
+        height_mm = self._stage.status().z_mm - self._settings.frame.apex_z_mm
+        above_mm = height_mm - habits.clearance_mm if self._stage.homed else 0.0
+        return min(habits.descent_step_mm, above_mm) if above_mm > _TINY_MM else habits.increment_mm
 
     def contact(self) -> StepEnd:
         """Return what the position alone shows of contact. Raises StageError."""

@@ -1,6 +1,7 @@
 """Find and load protocol scripts, and set their parameters."""
 
 import inspect
+import random
 import re
 import sys
 import traceback
@@ -38,14 +39,17 @@ class Script:
     beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
     given: Mapping[str, Any] = field(default_factory=dict)  # values of parameters before they were validated
     texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None if run is not theirs
+    random_state: Any = field(default=None, compare=False, repr=False)  # before it was loaded
 
     def fresh(self) -> "Script":
         """Return the script loaded anew from the same texts, so that a pass begins as in a new process.
 
+        What it draws from `random` without a seed is the same in every pass of this process.
         One whose `run` is the program's stays as it is.
         """
         if self.texts is None:
             return self
+        random.setstate(self.random_state)
         return script_with(self.path, self.name, self.given, self.texts)
 
 
@@ -81,7 +85,7 @@ def script_with(
 
     texts: of files, by path, that are not read again; what is read is added.
     """
-    texts = {} if texts is None else texts
+    texts, random_state = {} if texts is None else texts, random.getstate()
     module = _import(path, texts)
     run = getattr(module, "run", None)
     if not callable(run):
@@ -103,7 +107,7 @@ def script_with(
     blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
     imported = {Path(file).name: text for file, text in texts.items() if file != str(path)}
     beside = imported | _files(path, metadata.get("files", ()))
-    return Script(path, name, title, source, checked, run, blocks, beside, parameters, texts)
+    return Script(path, name, title, source, checked, run, blocks, beside, parameters, texts, random_state)
 
 
 _METADATA = ("title", "source", "files")

@@ -83,6 +83,12 @@ class Series:
         number, other = x_and_y if axis == "x" else x_and_y[::-1]
         if self.rows is None or number is None:
             return np.zeros(0)
+        if self.method == "broken_barh":  # pairs of begin and length
+            spans = np.asarray(self.data[0], dtype=float).reshape(-1, 2)
+            return np.concatenate([spans[:, 0], spans.sum(axis=1)])
+        if self.method == "fill_between" and axis == "y":
+            values = np.concatenate([np.ravel(np.asarray(edge, dtype=float)) for edge in self.data[1:3]])
+            return values[np.isfinite(values)]
         values = _raveled(self.data[number])
         if other is not None and np.size(self.data[other]) == len(values):
             values = values[np.isfinite(_raveled(self.data[other]))]

@@ -595,3 +595,15 @@ def test_homing_begins_anew() -> None:
     assert bench.stage.floors_mm == [round(apex_mm - limits.search_mm - limits.max_doi_mm, 6)]
     assert bench.of("home")[-1]["contact"] == "lifted"
     assert not engine.heartbeat.lost
+
+
+def test_a_trip_at_rest_that_does_not_lift_leaves_the_touch_on_record() -> None:
+    """Contact was measured just before: a finger came up since."""
+    bench = StubBench({"limits": {"on_trip": "stop"}})
+    engine, kept = bench.ready(), KeptMemory()
+    engine.memory = kept
+    engine.measure_contact()
+    bench.force.shows_gwt = 600.0
+    with raises(TripError, "hard_trip"):
+        engine.reading()
+    assert kept.contacts[-1].may_touch

@@ -515,6 +515,49 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
     assert bench.memory.read().left_at_mm is not None
 
 
+@pytest.mark.parametrize("kind", STAGES)
+def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that dies leaves one of them; a refused step leaves the position known."""
+    bench = SessionBench(kind, above_mm=CLEARANCE_MM)
+    bench.begun.__exit__(None, None, None)
+    stage, made = bench.bench.stage, list[tuple[float, float]]()
+    stage.connect()
+    session = SessionWithoutForce(bench.config, stage, bench.clock)
+    jog = stage.jog
+
+    def heard(axis: Any, by_mm: float, speed_mm_s: float) -> None:
+        made.append((by_mm, speed_mm_s))
+        jog(axis, by_mm, speed_mm_s)
+
+    monkeypatch.setattr(stage, "jog", heard)
+    with session.begun():
+        session.step(Direction("z", -1), 0.5, 10.0)
+    assert min(by_mm for by_mm, _ in made) >= -INCREMENT_MM - 1e-9
+    assert max(speed_mm_s for _, speed_mm_s in made) <= bench.config.limits.max_press_speed_mm_s
+    with raises(LimitError, "too_deep"), session.begun():
+        session.step(Direction("z", -1), 5.0, 2.0)
+    assert bench.memory.read().left_at_mm is not None
+
+
+def test_a_zero_after_a_trip_is_refused_before_the_sensor_is_zeroed(at_hand: Callable[..., SessionBench]) -> None:
+    bench = at_hand(above_mm=1.0, zero=ZERO)
+    bench.session.engine.state = State.TRIPPED
+    with raises(NotReadyError, "tripped"):
+        bench.session.zero()
+    assert bench.memory.read().zero == ZERO
+
+
+def test_a_drift_between_two_steps_down_is_no_pull(at_hand: Callable[..., SessionBench]) -> None:
+    bench = at_hand(above_mm=2.5, zero=ZERO)
+    for _ in range(3):
+        assert code_of_end(bench.step("z", -0.2)) is None
+        zero = bench.session.sensing.zero
+        assert zero is not None
+        bench.session.sensing.zero = replace(zero, offset_n=zero.offset_n + 0.2 * GWT_N)
+
+
 # --- a process that dies ---
 
 

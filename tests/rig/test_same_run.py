@@ -386,3 +386,25 @@ def test_a_run_makes_the_presses_that_were_planned(program: Program, tmp_path: P
     pressed = [event["x_mm"] for event in run.stream("indentation_start")]
     assert pressed == pytest.approx([step["x_mm"] for step in steps if step.get("press") == "data"])
     assert (run.missing, run.complete) == (0, True)
+
+
+def test_what_a_script_draws_without_a_seed_is_the_same_in_every_pass(tmp_path: Path) -> None:
+    """So that the run makes the presses of its plan; another process draws others, and cannot resume it."""
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "import random\n"
+        "from rig.protocol import Field, ProtocolParameters\n"
+        "ORDER = random.sample(range(100), 5)\n"
+        "class Parameters(ProtocolParameters):\n"
+        "    at_mm: float = Field(default_factory=random.random)\n"
+        "def run(rig):\n"
+        "    return [*ORDER, rig, random.random()]\n",
+        encoding="utf-8",
+    )
+    script = load_script(str(path))
+    drawn: list[Any] = []
+    for _ in range(3):
+        fresh = script.fresh()
+        drawn.append(fresh.run(fresh.parameters.at_mm))
+    assert drawn[0] == drawn[1] == drawn[2]
+    assert drawn[0][-2] == script.parameters.at_mm
