@@ -41,6 +41,8 @@ SLOW_MADE_GWT = 8.0
 """By how much the program may pass the trip before its first reading above it (gwt): half the trip."""
 NOISIEST_GWT = 0.2
 CONTACT_S = 60.0
+COMPLETED_S = 10.0
+"""How long a controller takes at most for what a killed program told it (s)."""
 LOOK_S = 5.0
 """How long the last look of the contact time and the lift after it take (s)."""
 
@@ -329,6 +331,7 @@ class FingerMachine(RuleBasedStateMachine):
             problem = error
         except Killed:
             self.over = self._killed = True
+            self.bench.clock.wait_s(COMPLETED_S)
             self.bench.pause, self.bench.at_event = Pause(), lambda stream: None
             return False
         finally:
