@@ -10,8 +10,8 @@ position if the stage still reports exactly where the last command left it, home
 
 import math
 import os
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 
@@ -20,11 +20,11 @@ from pydantic import BaseModel, ConfigDict
 
 from rig.clock import WallClock
 from rig.data.folder import put_in_place
-from rig.devices.base import StageStatus
+from rig.devices.base import Stage, StageStatus
 from rig.devices.registry import stage_ports
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
-from rig.errors import RecordError
+from rig.errors import LimitError, RecordError
 from rig.settings import BenchSettings
 from rig_shared.user_files import read_text
 
@@ -106,6 +106,21 @@ class BenchMemory:
     def left(self, at: StageStatus) -> None:
         """Record the position of a homed stage at rest."""
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
+
+    @contextmanager
+    def moving(self, stage: Stage) -> Iterator[None]:
+        """Forget the position of a stage while a command moves it; record it at the end, also after a refusal."""
+        self.moves()
+        try:
+            yield
+        except LimitError:  # Refused, at rest.
+            self._leave(stage)
+            raise
+        self._leave(stage)
+
+    def _leave(self, stage: Stage) -> None:
+        if stage.homed:
+            self.left(stage.status())
 
     def touched(self, known: KnownContact) -> None:
         """Record the known state of contact.

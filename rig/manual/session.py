@@ -143,18 +143,9 @@ class ManualSession:
             raise no_force_readings(error) from None
         if self._known.is_where_left(self.ask_stage()):
             stage.trust_position()
-        self.memory.moves()
-        self._begin_engine(self._known.contact)
-        try:
+        with self.memory.moving(stage):
+            self._begin_engine(self._known.contact)
             yield
-        except LimitError:  # Refused, at rest.
-            self._leave()
-            raise
-        self._leave()
-
-    def _leave(self) -> None:
-        if self.homed:
-            self.memory.left(self.ask_stage())
 
     @property
     def homed(self) -> bool:

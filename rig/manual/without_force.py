@@ -30,17 +30,8 @@ class SessionWithoutForce:
         """Take the position from the last command, and record it again at the end. Raises StageError."""
         if self.memory.read().is_where_left(self._stage.status()):
             self._stage.trust_position()
-        self.memory.moves()
-        try:
+        with self.memory.moving(self._stage):
             yield
-        except LimitError:  # Refused, at rest.
-            self._leave()
-            raise
-        self._leave()
-
-    def _leave(self) -> None:
-        if self._stage.homed:
-            self.memory.left(self._stage.status())
 
     def look(self) -> StageStatus:
         """Ask the stage. Raises StageError."""
