@@ -71,7 +71,7 @@ def _first(here: list[str], there: list[str]) -> StepDifference | None:
 
 def in_words(step: Step[Any, Any]) -> str:
     """Return a step as the call of its verb."""
-    values = {field.name: getattr(step, field.name) for field in fields(step)}
+    values = {field.name: getattr(step, field.name) for field in fields(step) if field.repr}
     return f"{step.verb}({', '.join(f'{name}={value!r}' for name, value in values.items() if value is not None)})"
 
 

@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -33,7 +34,7 @@ class ResumeHandler:
         self._before, self._then, self._press_mm_s = before, then, press_mm_s
         self._same = SameSteps(before)
         self._answers: dict[type[Step[Any, Any]], dict[int, Any]] = {}
-        self._written: dict[str, int] = {}
+        self._asked: Counter[str] = Counter()
         self._owed: dict[str, tuple[Step[Any, Any], Spot]] = {}
         self._last_done = max(before.done, default=-1)
         self._behind = True  # until the first missing indentation after the last one that is done
@@ -45,8 +46,8 @@ class ResumeHandler:
             return self._answer(step, spot)
         if not self._behind:
             return self._then.handle(step, spot)
-        if step.owed is Owed.ONCE and self._is_new(step):
-            return self._then.handle(step, spot)
+        if step.owed is Owed.ONCE:
+            return self._once(step, spot)
         if step.verb == Mount.verb:
             self._drop(Owed.LAST_OF_INDENTOR)
         if step.owed in (Owed.LAST, Owed.LAST_OF_INDENTOR, Owed.LAST_IF_NEXT):
@@ -68,10 +69,7 @@ class ResumeHandler:
 
     def _answer(self, step: Step[E, A], spot: Spot) -> A:
         (press,) = spot.ids
-        if type(step) not in self._answers:
-            self._answers[type(step)] = step.answers(self._before)
-        answers: dict[int, A] = self._answers[type(step)]
-        data = press.purpose == "data"
+        answers, data = self._recorded_answers(step), press.purpose == "data"
         if press.index in answers:
             if data:
                 self._drop(Owed.LAST_IF_NEXT)
@@ -86,11 +84,18 @@ class ResumeHandler:
     def _drop(self, owed: Owed) -> None:
         self._owed = {verb: one for verb, one in self._owed.items() if one[0].owed is not owed}
 
-    def _is_new(self, step: Step[Any, Any]) -> bool:
-        """Return whether the journal lacks the step; it has the first ones of each verb, in order."""
-        left = self._written.setdefault(step.verb, len(self._before.stream(step.verb)))
-        self._written[step.verb] = left - 1
-        return left <= 0
+    def _once(self, step: Step[E, A], spot: Spot) -> A:
+        """Answer a step that is journalled once; the journal has the first ones of each verb, in order."""
+        index = self._asked[step.verb]
+        self._asked[step.verb] += 1
+        if index >= len(self._before.stream(step.verb)):
+            return self._then.handle(step, spot)
+        return self._recorded_answers(step).get(index)  # type: ignore[return-value]
+
+    def _recorded_answers(self, step: Step[E, A]) -> dict[int, A]:
+        if type(step) not in self._answers:
+            self._answers[type(step)] = step.answers(self._before)
+        return self._answers[type(step)]
 
 
 MOST_STEPS = 10_000

@@ -87,6 +87,10 @@ class Step(ABC, Generic[E, A]):
         """Return the predicted answer, which a script receives during planning."""
         return None  # type: ignore[return-value]
 
+    def allowed_presses(self, expected: E) -> Sequence[PlannedIndentation]:
+        """Return the presses that its answer may tell a script to make; the plan contains them all."""
+        return ()
+
     @abstractmethod
     def execute(self, engine: Engine, expected: E) -> A:
         """Carry out the step as `expect` predicted, and return its answer to the script."""
@@ -97,7 +101,7 @@ class Step(ABC, Generic[E, A]):
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
-        """Return the answers in the journal of a stopped run, by the index of the press."""
+        """Return the answers in the journal of a stopped run, by the index of the press, or by order if owed once."""
         return {}
 
 

@@ -179,8 +179,6 @@ class Session:
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=NoAttendant)
     button: StopButton | None = None  # of a real run
-    chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
-    possible: Plan | None = None  # every press that an adaptive run may choose
 
     @property
     def before(self) -> Run | None:
@@ -306,10 +304,8 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     script, config, into = session.script, session.config, session.into
     if isinstance(into, StoppedRun):
         return into.folder
-    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject) | _choose(session)
-    # The presses of an adaptive run are not planned.
-    plan = {PLAN: as_lines(session.plan.asked)} if session.chooses is None else {}
-    files = {**script.beside, **session.plan.shape_files, **plan}
+    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject)
+    files = {**script.beside, **session.plan.shape_files, PLAN: as_lines(session.plan.asked)}
     return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, files)
 
 
@@ -329,7 +325,7 @@ def _on_a_bench(
             refuse_stop_inputs(session.config, bench)
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
-            stiffness = FingerStiffness.of((session.possible or session.plan).all_presses)
+            stiffness = FingerStiffness.of(session.plan.all_presses)
             engine = Engine(
                 session.config, bench, journal, session.plan.soft_trip_n, contact_s, stiffness,
                 memory=bench, stop_inputs=stop_inputs_of(session.config, session.button),
@@ -433,13 +429,8 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "subject": session.into.subject,
         "virtual": virtual,
         **_button(session),
-        **_choose(session),
         **({} if session.config.identified is None else {"promised": predicted_bands(session.plan)}),
     }
-
-
-def _choose(session: Session) -> dict[str, Any]:
-    return {} if session.chooses is None else {"choose": dict(session.chooses)}
 
 
 def _button(session: Session) -> dict[str, Any]:
