@@ -21,7 +21,7 @@ METADATA = {{
     "source": {source},
 }}
 
-# What the presses were chosen for; with --set counts=SOURCE, the run chooses again after each count.
+# What the presses were chosen for; with counts=SOURCE, the run chooses again after each count.
 {design}
 
 # Shape, then x (mm) and {target} of its presses, in order.

@@ -98,12 +98,12 @@ NOT_RUN = {
         "tests/rig/test_followed_pages.py"
     ),
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --minutes 10": DESIGN,
-    "rig check designed.py --config rig.toml --choose": ADAPTIVE,
-    "rig run designed.py --config rig.toml --choose counts.csv": ADAPTIVE,
+    "rig check designed.py --config rig.toml counts=counts.csv": ADAPTIVE,
+    "rig run designed.py --config rig.toml counts=counts.csv": ADAPTIVE,
     (
         "rig design --candidates ep1,sed,e22 --shapes bar:3.0,cylinder:3 --depths-mm 0.25,0.5,1 --minutes 3 --quick"
     ): ADAPTIVE,
-    "rig dry-run designed.py --choose virtual:ep1@3": ADAPTIVE,
+    "rig dry-run designed.py counts=virtual:ep1@3": ADAPTIVE,
     "rig check designed.py": DESIGN,
     "rig dry-run designed.py": DESIGN,
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --counts counts.csv": DESIGN,
