@@ -18,9 +18,9 @@ from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_fil
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
-from rig.protocol.same_steps import Asked, SamePlan, planned_step, read_plan
+from rig.protocol.same_steps import SamePlan, planned_step, read_plan
 from rig.protocol.script import Script, script_error
-from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
+from rig.protocol.steps import Asked, ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
 from rig_shared.user_files import read_bytes

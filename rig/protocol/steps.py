@@ -50,6 +50,10 @@ class Owed(Enum):
     ANSWER = "nothing where the journal has its answer, else the step itself"
 
 
+Asked = Mapping[str, Any]
+"""What a step asks for: verb, indentor, position, target, motion, and place in the schedule."""
+
+
 class Journalled(Protocol):
     """Stopped run, read from its journal."""
 
@@ -79,6 +83,13 @@ class Step(ABC, Generic[E, A]):
         Every pass over a script checks every step, because a script may decide as it runs. Raises BadInputError.
         """
 
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked | None:
+        """Return what a resumed run must ask for again (in `what`, may ask for otherwise); None if presses say it.
+
+        press_mm_s: speed of a press that names none.
+        """
+        return _place(spot) if spot.ids else {"verb": self.verb}
+
     def expect(self, spot: Spot, walk: Walk) -> E:
         """Return the prediction at the spot that `check` returned, within the limits. Raises BadInputError."""
         return None  # type: ignore[return-value]
@@ -103,6 +114,11 @@ class Step(ABC, Generic[E, A]):
     def answers(cls, before: Journalled) -> dict[int, A]:
         """Return the answers in the journal of a stopped run, by the index of the press, or by order if owed once."""
         return {}
+
+
+def _place(spot: Spot) -> Asked:
+    """Return indentor and position of the presses of a step, and their place in the schedule."""
+    return {"indentor": spot.indentor, "x_mm": spot.x_mm, **spot.ids[0].marks}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,6 +163,9 @@ class Mount(Step[None, None]):
         walk.indentor = self.indentor
         return walk.spot()
 
+    def asked(self, spot: Spot, press_mm_s: float) -> None:
+        return None
+
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.mount(engine, self.indentor)
 
@@ -184,6 +203,9 @@ class MoveTo(Step[None, None]):
         walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
         return walk.spot()
 
+    def asked(self, spot: Spot, press_mm_s: float) -> None:
+        return None
+
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.move_to(engine, float(self.x_mm), float(self.along_mm))
 
@@ -209,6 +231,19 @@ def check_press(
     refuse_seconds(verb, "hold_s", hold_s)
     refuse_target(verb, target, walk.settings.limits)
     refuse_speeds(verb, speed_mm_s, walk.settings)
+
+
+def asked_press(verb: str, target: Target, spot: Spot, *, increments: int, hold_s: float, speed_mm_s: float) -> Asked:
+    """Return what a press asks for."""
+    return {
+        **_place(spot),
+        "verb": verb,
+        "target": target.kind,
+        "value": target.value,
+        "increments": increments,
+        "speed_mm_s": speed_mm_s,
+        "hold_s": hold_s,
+    }
 
 
 def expect_press(
@@ -355,6 +390,12 @@ class Indent(PressStep):
         walk.hold(self.verb, self.increments * self.hold_s)
         return walk.spot("data", 1)
 
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        speed_mm_s = press_mm_s if self.speed_mm_s is None else self.speed_mm_s
+        return asked_press(
+            self.verb, self.target, spot, increments=self.increments, hold_s=self.hold_s, speed_mm_s=speed_mm_s
+        )
+
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(
             self.verb,
@@ -416,6 +457,9 @@ class Ramp(PressStep):
         check_press(self.verb, self.target, walk, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
         walk.hold(self.verb, self.hold_s)
         return walk.spot("data", 1)
+
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        return asked_press(self.verb, self.target, spot, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(
@@ -485,6 +529,9 @@ class Precondition(Step[ExpectedPresses, None]):
         walk.hold(self.verb, self.presses * self.hold_s)
         return walk.spot("precondition", self.presses)
 
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        return asked_press(Indent.verb, self.target, spot, increments=1, hold_s=self.hold_s, speed_mm_s=press_mm_s)
+
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(self.verb, self.target, spot, walk, increments=1, hold_s=self.hold_s)
 
@@ -548,6 +595,11 @@ class Reference(Step[ExpectedPresses, None]):
                 "another_reference",
             )
 
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        return asked_press(
+            Indent.verb, self.target, spot, increments=self.increments, hold_s=self.hold_s, speed_mm_s=press_mm_s
+        )
+
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
 
@@ -582,6 +634,9 @@ class Rest(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         refuse_seconds(self.verb, "seconds", self.seconds)
         return walk.spot()
+
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        return {"verb": self.verb, "what": self.seconds}
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.rest(engine, float(self.seconds))
@@ -638,6 +693,9 @@ class Touch(Step[ExpectedTouch, float]):
         walk.need_ready(self.verb)
         return walk.spot("find", 1)
 
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        return {**_place(spot), "along_mm": spot.along_mm}
+
     def expect(self, spot: Spot, walk: Walk) -> ExpectedTouch:
         contact_mm = walk.model.touch_height_mm(spot.indentor, spot.x_mm, spot.along_mm)
         refuse_approach(self.verb, contact_mm, walk.settings)
@@ -683,6 +741,9 @@ class Checkpoint(Step[None, None]):
         walk.checkpoints.add(self.name)
         return walk.spot()
 
+    def asked(self, spot: Spot, press_mm_s: float) -> None:
+        return None
+
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.checkpoint(engine, self.name)
 
@@ -710,6 +771,9 @@ class Note(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         refuse_no_text(self.verb, self.text)
         return walk.spot()
+
+    def asked(self, spot: Spot, press_mm_s: float) -> Asked:
+        return {"verb": self.verb, "what": self.text}
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.note(engine, self.text)
