@@ -1,4 +1,4 @@
-"""Choice of the presses of a designed script, each after the count of the one before.
+"""ChosenPress of the presses of a designed script, each after the count of the one before.
 
 The presses are those of any script: verbs, with the same checks, carried out by the same executors. Only one step is
 new, the choice. It waits at clearance, and it can only return a press that was checked before the first motion.
@@ -27,8 +27,8 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, Planner
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.check import Spot, Walk
-from rig.protocol.steps import Journalled, Owed, Step
+from rig.protocol.check import PressPlace, ScriptState
+from rig.protocol.steps import Journalled, ResumeRule, Step
 from rig.records import PlannedIndentation
 from sim.finger_process import Finger
 
@@ -52,7 +52,7 @@ CountsSource = Annotated[str, AfterValidator(_absolute)]
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenPress:
     """Answer of a choice: the next press and its number, or None at the end; why; count of the press before."""
 
     press: PossiblePress | None
@@ -70,40 +70,40 @@ class ConfiguredFinger(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChoosePress(Step[ConfiguredFinger, Choice]):
+class ChoosePress(Step[ConfiguredFinger, ChosenPress]):
     """Wait at clearance for the count of the last press, and choose the next one; the planned one in a plan."""
 
     verb: ClassVar[str] = "choice"
-    owed: ClassVar[Owed] = Owed.ONCE
+    on_resume: ClassVar[ResumeRule] = ResumeRule.ONCE
 
     index: int
     planned: PossiblePress | None
     chooser: "Chooser" = field(repr=False)
 
-    def check(self, walk: Walk) -> Spot:
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        return state.place()
 
-    def expect(self, spot: Spot, walk: Walk) -> ConfiguredFinger:
-        assert isinstance(walk.settings, Config)
-        assert isinstance(walk.model, FingerModel)
-        return ConfiguredFinger(walk.settings, walk.model)
+    def expect(self, place: PressPlace, state: ScriptState) -> ConfiguredFinger:
+        assert isinstance(state.settings, Config)
+        assert isinstance(state.model, FingerModel)
+        return ConfiguredFinger(state.settings, state.model)
 
-    def foreseen(self, expected: ConfiguredFinger) -> Choice:
-        return Choice(self.planned, reason=PLAN_DONE if self.planned is None else BY_PLAN)
+    def foreseen(self, expected: ConfiguredFinger) -> ChosenPress:
+        return ChosenPress(self.planned, reason=PLAN_DONE if self.planned is None else BY_PLAN)
 
     def allowed_presses(self, expected: ConfiguredFinger) -> Sequence[PlannedIndentation]:
         return self.chooser.checked_presses(expected)
 
-    def execute(self, engine: Engine, expected: ConfiguredFinger) -> Choice:
+    def execute(self, engine: Engine, expected: ConfiguredFinger) -> ChosenPress:
         return self.chooser.choose(engine, self, expected)
 
-    def rehearse(self, engine: Engine, expected: ConfiguredFinger) -> Choice:
+    def rehearse(self, engine: Engine, expected: ConfiguredFinger) -> ChosenPress:
         choice = self.foreseen(expected)
         engine.record(_event(self.index, choice, "{}"))
         return choice
 
     @classmethod
-    def answers(cls, before: Journalled) -> dict[int, Choice]:
+    def answers(cls, before: Journalled) -> dict[int, ChosenPress]:
         return dict(enumerate(map(_recorded, before.stream("choice"))))
 
 
@@ -150,7 +150,7 @@ class Chooser:
         self._rig, self._source, self._within_s = rig, counts, within_s
         self._planned = planned_presses(design, blocks)
         self._design = _designed(design, blocks, counts, hold_s, rest_s) if counts else None
-        self._choices: list[Choice] = []
+        self._choices: list[ChosenPress] = []
         self._checked = False
         self._choosing: Choosing | None = None
         self._counter: NextPressChooser | None = None
@@ -182,7 +182,7 @@ class Chooser:
         if self._source:
             choice = self._rig.do(ChoosePress(index=len(self._choices), planned=planned, chooser=self))
         else:
-            choice = Choice(planned)
+            choice = ChosenPress(planned)
         self._choices.append(choice)
         return choice.press
 
@@ -215,15 +215,15 @@ class Chooser:
         for number, choice in enumerate(self._choices):
             _refuse_changed(number, choice, choosing.table.presses)
         on.model.learn(choosing.table.predictions)
-        plan, walk = Plan(), Walk(on.config, on.model)
-        rig, shape = Rig(ProtocolParameters(), walk, Planner(walk, plan)), ""
+        plan, state = Plan(), ScriptState(on.config, on.model)
+        rig, shape = Rig(ProtocolParameters(), state, Planner(state, plan)), ""
         rig.home()
         rig.zero()
         for press in choosing.table.presses:
             if press.shape != shape:
                 rig.mount(press.shape)
                 shape = press.shape
-            walk.held_s = 0.0
+            state.held_s = 0.0
             press.make(rig, choosing.request.hold_s)
         return plan.indentations
 
@@ -244,7 +244,7 @@ class Chooser:
 
     # --- the choice, at clearance ---
 
-    def choose(self, engine: Engine, step: ChoosePress, on: ConfiguredFinger) -> Choice:
+    def choose(self, engine: Engine, step: ChoosePress, on: ConfiguredFinger) -> ChosenPress:
         """Return the next press, journalled with its reason; None ends the presses."""
         from rig.design.chooser import ChooserLostError, probabilities_as_text
 
@@ -266,17 +266,17 @@ class Chooser:
         else:
             possible = decision.possible
             press = None if possible is None else self._choosing.table.presses[possible]
-            choice = Choice(press, possible, decision.reason, decision.spikes, decision.probabilities)
+            choice = ChosenPress(press, possible, decision.reason, decision.spikes, decision.probabilities)
         bits, took_s = (None, 0.0) if decision is None else (decision.information_bits, decision.chosen_in_s)
         engine.record(
             _event(step.index, choice, probabilities_as_text(candidates, choice.probabilities), bits, took_s)
         )
         return choice
 
-    def _by_plan(self, step: ChoosePress, presses: Sequence[PossiblePress], candidates: int) -> Choice:
+    def _by_plan(self, step: ChoosePress, presses: Sequence[PossiblePress], candidates: int) -> ChosenPress:
         """Return the planned press, with the probabilities of the last count."""
         known = self._choices[-1].probabilities if self._choices else ()
-        return Choice(
+        return ChosenPress(
             step.planned,
             None if step.planned is None else presses.index(step.planned),
             PLAN_DONE if step.planned is None else BY_PLAN,
@@ -382,7 +382,7 @@ def _choosing(design: "Designed", config: Config, finger: Finger) -> "Choosing":
     return known[key]
 
 
-def _refuse_changed(index: int, choice: Choice, presses: Sequence[PossiblePress]) -> None:
+def _refuse_changed(index: int, choice: ChosenPress, presses: Sequence[PossiblePress]) -> None:
     """Raise BadInputError if the number of a recorded press now names another one, or none."""
     if choice.press is None or choice.possible is None:
         return
@@ -395,7 +395,7 @@ def _refuse_changed(index: int, choice: Choice, presses: Sequence[PossiblePress]
 
 
 def _event(
-    index: int, choice: Choice, probabilities: str, bits: float | None = None, chosen_in_s: float = 0.0
+    index: int, choice: ChosenPress, probabilities: str, bits: float | None = None, chosen_in_s: float = 0.0
 ) -> ChoiceEvent:
     press = choice.press
     return ChoiceEvent(
@@ -413,11 +413,11 @@ def _event(
     )
 
 
-def _recorded(event: Mapping[str, Any]) -> Choice:
+def _recorded(event: Mapping[str, Any]) -> ChosenPress:
     """Return a choice of the journal."""
     possible = event.get("possible")
     press = (
         None if possible is None else PossiblePress(event["indentor"], event["x_mm"], event["target"], event["value"])
     )
     probabilities = tuple(probabilities_of(event).values())
-    return Choice(press, possible, event["reason"], event.get("count"), probabilities)
+    return ChosenPress(press, possible, event["reason"], event.get("count"), probabilities)

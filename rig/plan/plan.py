@@ -16,7 +16,7 @@ from rig.errors import BadInputError, RigError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_file, with_stored_file
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
 from rig.protocol.same_steps import SamePlan, planned_step, read_plan
 from rig.protocol.script import Script, script_error
@@ -117,23 +117,23 @@ def make_plan(
             _refuse_other_trip(before, whole.soft_trip_n)
         same = None
     where = partial(_kept, plan, script.path.parent) if folder is None else partial(with_stored_file, folder)
-    walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
+    state = ScriptState(config, FingerModel(finger, plan.predictions, where, config.identified))
     compared: list[SamePlan | ResumeHandler] = [] if same is None else [same]
-    planner: Handler = Planner(walk, plan, same)
+    planner: Handler = Planner(state, plan, same)
     if before is not None and first_soft_trip_n is not None:
         planner = ResumeHandler(before, planner, config.habits.press_speed_mm_s)
         compared.append(planner)
     try:
         fresh = script.fresh()
         with impatient():
-            fresh.run(Rig(fresh.parameters, walk, Patience(planner, on_step)))
+            fresh.run(Rig(fresh.parameters, state, Patience(planner, on_step)))
         for one in compared:
             one.end()
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
         raise script_error(BadInputError, script.path, error, _REFUSALS) from None
-    if not walk.pressed["data"]:
+    if not state.pressed["data"]:
         raise BadInputError(
             f"protocol {script.path}: run(rig) makes no indentation; call rig.indent() at least once",
             "indents_nowhere",
@@ -217,21 +217,21 @@ class Planner:
     same: plan of the run when it began, with which each step is compared.
     """
 
-    def __init__(self, walk: Walk, plan: Plan, same: SamePlan | None = None) -> None:
-        self._walk, self._plan, self._same = walk, plan, same
+    def __init__(self, state: ScriptState, plan: Plan, same: SamePlan | None = None) -> None:
+        self._state, self._plan, self._same = state, plan, same
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Return the predicted answer. Raises BadInputError for another step than that of the run's plan."""
-        asked = planned_step(step, spot, self._walk.settings.habits.press_speed_mm_s)
+        asked = planned_step(step, place, self._state.settings.habits.press_speed_mm_s)
         if asked is not None:
             self._plan.asked.append(asked)
             if self._same is not None:
                 self._same.compare(asked)
-        expected = step.expect(spot, self._walk)
+        expected = step.expect(place, self._state)
         if isinstance(expected, ExpectedPresses):
             for press in expected.ids:
                 self._plan.presses[press.purpose].append(expected.planned)
-            ramps, speed_mm_s = expected.planned.ramp_mm_s is not None, self._walk.settings.habits.press_speed_mm_s
+            ramps, speed_mm_s = expected.planned.ramp_mm_s is not None, self._state.settings.habits.press_speed_mm_s
             own_mm_s = None if ramps else getattr(step, "speed_mm_s", None)  # A ramp may begin with a press.
             self._plan.speeds_mm_s.append((own_mm_s or speed_mm_s, expected.planned))
         elif isinstance(expected, ExpectedTouch):
@@ -246,7 +246,7 @@ class Planner:
     def _allow(self, presses: Sequence[PlannedIndentation]) -> None:
         """Add the presses that the script may choose."""
         self._plan.allowed += presses
-        self._plan.speeds_mm_s += [(self._walk.settings.habits.press_speed_mm_s, press) for press in presses]
+        self._plan.speeds_mm_s += [(self._state.settings.habits.press_speed_mm_s, press) for press in presses]
 
 
 _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "reference": "reference_"}

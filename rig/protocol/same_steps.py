@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import BadInputError
-from rig.protocol.check import Spot
+from rig.protocol.check import PressPlace
 from rig.protocol.steps import Asked, Journalled, Note, Ramp, Rest, Step
 from rig.records import Purpose
 from rig_shared.user_files import json_of, read_bytes
@@ -59,14 +59,14 @@ class SameSteps(_Comparison):
         self._notes = [str(event.get("text", "")) for event in before.stream("note")]
         self._rests_s = [float(event["rest_s"]) for event in before.stream("rest") if "rest_s" in event]
 
-    def compare(self, step: Step[Any, Any], spot: Spot, press_mm_s: float) -> None:
+    def compare(self, step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> None:
         """Compare a step; raise BadInputError for another press, and list another note or rest.
 
         press_mm_s: speed of a press that names none.
         """
         with self._for_good():
-            for press in spot.ids:
-                recorded, asked = self._recorded.get((press.purpose, press.index)), step.asked(spot, press_mm_s)
+            for press in place.ids:
+                recorded, asked = self._recorded.get((press.purpose, press.index)), step.asked(place, press_mm_s)
                 if recorded is not None and asked is not None:
                     _refuse_other(recorded, asked, _press(press.purpose, press.index))
         if isinstance(step, Note) and self._notes:
@@ -116,13 +116,13 @@ class SamePlan(_Comparison):
             self.differences += [f"{verb}: none, where the run has {_said(was)}" for was in left]
 
 
-def planned_step(step: Step[Any, Any], spot: Spot, press_mm_s: float) -> Asked | None:
+def planned_step(step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> Asked | None:
     """Return what is stored of a planned step, in types of JSON: all that moves or labels a press."""
-    asked = step.asked(spot, press_mm_s)
+    asked = step.asked(place, press_mm_s)
     if asked is None:
         return None
-    first = spot.ids[0] if spot.ids else None
-    numbers = {} if first is None else {"press": first.purpose, "index": first.index, "presses": len(spot.ids)}
+    first = place.ids[0] if place.ids else None
+    numbers = {} if first is None else {"press": first.purpose, "index": first.index, "presses": len(place.ids)}
     return {**numbers, **{key: _plain(value) for key, value in asked.items()}}
 
 

@@ -31,7 +31,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan, predicted_bands
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Walk
+from rig.protocol.check import ScriptState
 from rig.protocol.handlers import Patience, ResumeHandler
 from rig.protocol.same_steps import as_lines
 from rig.protocol.script import Script
@@ -410,11 +410,11 @@ def _removed_if_empty(session: Session, folder: RunFolder) -> Iterator[None]:
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
     config, where = session.config, partial(with_stored_file, folder.path)
-    walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
-    handler: Handler = Live(engine, walk)
+    state = ScriptState(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
+    handler: Handler = Live(engine, state)
     if session.before is not None:
         handler = ResumeHandler(session.before, handler, config.habits.press_speed_mm_s)
-    return Rig(session.script.parameters, walk, Patience(handler))
+    return Rig(session.script.parameters, state, Patience(handler))
 
 
 def _about(session: Session, *, virtual: bool) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from rig.data.choices import verdict_of
 from rig.data.documents import as_line
 from rig.design import adaptive_run
 from rig.design import design as designs
-from rig.design.adaptive_run import Choice, ChoosePress, Chooser, ConfiguredFinger
+from rig.design.adaptive_run import ChoosePress, Chooser, ChosenPress, ConfiguredFinger
 from rig.design.chooser import ChooserLostError, Decision, InProcessChooser, NextPressChooser
 from rig.design.counts_from.growing_file import GrowingFile
 from rig.design.counts_from.lsl_stream import LslCounts
@@ -390,7 +390,7 @@ def waiting(
         interrupt: Callable[[], bool] = _never,
         lost: Callable[[Any], object] = lambda bench: None,
         counts: str = TRUTH,
-    ) -> tuple[Choice, Any]:
+    ) -> tuple[ChosenPress, Any]:
         blocks: dict[str, Any] = {}
         exec((here / "designed.py").read_text(encoding="utf-8"), blocks)
         monkeypatch.setattr("rig.design.chooser.ChooserProcess", lambda what, _: counter or InProcessChooser(what))
@@ -399,7 +399,7 @@ def waiting(
             blocks["DESIGN"], blocks["BLOCKS"], hold_s=0.2, rest_s=0.5, counts=counts, within_s=within_s,
         )  # fmt: skip
         config = load_config(here / "rig.toml")
-        chooser._choices.append(Choice(chooser._planned[0], 0, "first"))
+        chooser._choices.append(ChosenPress(chooser._planned[0], 0, "first"))
         step = ChoosePress(index=1, planned=chooser._planned[1], chooser=chooser)
         bench = spring()
         bench.journal.start({"protocol": "p"})
