@@ -188,6 +188,23 @@ def _is_study(line: str) -> bool:
     return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies[. ]", line) is not None
 
 
+STUDIES = sorted(
+    {
+        found
+        for page in PAGES
+        for found in re.findall(r"python -m (studies[^`#\n]*)", page.read_text(encoding="utf-8"))
+    }
+)
+
+
+@pytest.mark.parametrize("command", STUDIES)
+def test_a_study_has_the_options_that_a_page_names(command: str) -> None:
+    module, *words = command.split()
+    path = ROOT.joinpath(*module.split("."))
+    source = (path / "__main__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
+    assert [word for word in words if word.startswith("--") and f'"{word}"' not in source] == []
+
+
 TO_RUN = {
     page: [
         line
