@@ -154,8 +154,7 @@ def check_command(request: CheckRequest) -> None:
         if differs is not None:
             complain(
                 "the script does not repeat itself, so a stopped run of it cannot be resumed: "
-                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; seed what is "
-                "random (random.Random(7).shuffle), sort what is a set"
+                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; {differs.remedy}"
             )
         if request.choose:
             found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)

@@ -30,7 +30,7 @@ from rig.compare.recordings.hdf5 import (
     values_of,
 )
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, joined, union, without
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, extent, joined, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -79,6 +79,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
             end_s=end_s,
             line=pulses.line,
             read_as=read_as,
+            file_s=columns["time"].factor * units.extent(),
         )
 
 
@@ -189,6 +190,12 @@ class _Units(NamedTuple):
         return _numbers(
             values_of(self.all_times, self.path, begin, end), self.path, f"unit {self.ids[row]}, column {self.column}"
         )
+
+    def extent(self) -> Array:
+        """Return the first and the last spike times of parts of the column, of all units, in the unit of the file."""
+        parts = (slice(at, at + _AT_ONCE) for at in range(0, len(self.all_times), _AT_ONCE))
+        each = (part_of(self.all_times, self.path, part).ravel() for part in parts)
+        return extent(*(some.astype(float) for some in each if some.dtype.kind in "iuf"))
 
 
 def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, units: int) -> tuple[int, int]:
