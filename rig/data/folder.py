@@ -24,9 +24,6 @@ from rig_shared.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _DIGITS = 64
-_MAY_DIFFER = (
-    "(finger, limits, protocol) may not be the run's; put back an undamaged copy if you have one"
-)
 _READ_S, _AGAIN_S = 0.5, 0.005
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
@@ -164,11 +161,13 @@ class RunFolder:
         if (self.path / _SUMS).is_file():
             has = f"has no checksum of {'it' if len(unlisted) == 1 else 'them'}"
         found = [
-            (changed, f"changed since the run began, so what is read or computed from {{}} {_MAY_DIFFER}"),
-            (unlisted, f"cannot be verified, since {_SUMS} {has}, so what is read or computed from {{}} {_MAY_DIFFER}"),
+            (changed, "changed since the run began"),
+            (unlisted, f"cannot be verified, since {_SUMS} {has}"),
         ]
         return [
-            f"run folder {self.path}: {', '.join(names)} {problem.format('it' if len(names) == 1 else 'them')}"
+            f"run folder {self.path}: {', '.join(names)} {problem}, so what is read or computed from "
+            f"{'it' if len(names) == 1 else 'them'} (finger, limits, protocol) may not be the run's; put back an "
+            "undamaged copy if you have one"
             for names, problem in found
             if names
         ]

@@ -160,7 +160,7 @@ def _without_copies(found: Recording) -> Recording:
 
 _SAME = 1e-6
 _UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
-_CONDITION = re.compile(r"(\d+\.?\d*|\.\d+) ?(mm|gwt)")
+_CONDITION = re.compile(r"(\d+\.?\d*|\.\d+) ?(mm|gwt)", re.ASCII)
 
 
 class ShapeKey(NamedTuple):
