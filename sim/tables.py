@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig_shared.number_text import read_number
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.errors import ArgumentError, SimError, has_unit, is_plain_number
 
@@ -123,6 +124,10 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         raise TableError(f"{path}: not a CSV file in UTF-8: {error}", "not_csv") from None
 
 
+REJECTING = re.compile(r"artifact|artefact|reject|bad|exclude|invalid|noise|valid|keep|good", re.IGNORECASE)
+"""Names of columns that may say which rows do not count."""
+
+
 _MOST_LISTED = 20
 
 
@@ -158,7 +163,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
             "ambiguous_number",
         )
     try:
-        value = float(_DECIMAL_COMMA.sub(r"\1.\2", cell.strip()))
+        value = read_number(_DECIMAL_COMMA.sub(r"\1.\2", cell.strip()))
     except ValueError:
         value = math.nan
     if not is_number(value):

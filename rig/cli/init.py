@@ -26,6 +26,7 @@ from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
 from rig.printable import either
 from rig.units import GWT_N
+from rig_shared.number_text import read_number
 from rig_shared.outputs import CommandLine, File, Name, Output, Port
 from rig_shared.user_files import toml_of
 
@@ -437,7 +438,7 @@ class Question:
 
 def _numbers(option: str, text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        return [read_number(part) for part in text.split(",")]
     except ValueError:
         raise BadInputError(f"{option} {text!r}: must be numbers separated by commas", "not_numbers") from None
 

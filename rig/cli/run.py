@@ -65,6 +65,7 @@ from rig.session.rehearsal_summary import (
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports
 from rig.session.session import FinishedRun, Session, dry_run, real_run
 from rig.transport import TransportError
+from rig_shared.number_text import read_number
 from rig_shared.outputs import Name
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
@@ -143,8 +144,7 @@ def check_command(request: CheckRequest) -> None:
         if differs is not None:
             complain(
                 "the script does not repeat itself, so a stopped run of it cannot be resumed: "
-                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; seed what is "
-                "random (random.Random(7).shuffle), sort what is a set"
+                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; {differs.remedy}"
             )
         if plan.allowed:
             found["possible"] = possible_presses_as_json(plan, settings)
@@ -267,7 +267,7 @@ def _times_real(text: str) -> float | None:
     if text == "max":
         return None
     try:
-        value = float(text)
+        value = read_number(text)
     except ValueError:
         value = 0.0
     if not 0 < value < 1e6:

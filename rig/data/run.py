@@ -229,7 +229,7 @@ class Run:
     @property
     def warnings(self) -> list[str]:
         """Sentences on a damaged journal, and on other files that are not those of the run."""
-        return [one for one in (self.warning, self.folder.warning) if one is not None]
+        return [*([] if self.warning is None else [self.warning]), *self.folder.warnings]
 
     @cached_property
     def state(self) -> "RunState":

@@ -25,11 +25,25 @@ _LONGEST_S = 60.0
 
 
 class StepDifference(NamedTuple):
-    """First step in which two passes differ: its number, and the step in each, in words."""
+    """First step in which two passes differ: its number, and the step in each, in words.
+
+    `kept` is whether passes differ within a process and not between processes: something outlasts a pass.
+    """
 
     number: int
     one: str
     other: str
+    kept: bool = False
+
+    @property
+    def remedy(self) -> str:
+        """What to change in the script."""
+        if self.kept:
+            return (
+                "a module that does not lie beside the script keeps a generator, counter or list from one pass to "
+                "the next; make or seed it in run(rig), or put the module beside the script"
+            )
+        return "seed what is random (random.Random(7).shuffle), sort what is a set"
 
 
 def find_difference(
@@ -45,16 +59,22 @@ def find_difference(
     order = pickle.dumps((str(script.path), script.name, script.given, tables, answers))
     with contextlib.ExitStack() as running:
         processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
+        passes = [_passes(process, order) for process in processes]
         for process in processes:
-            try:
-                passes = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
-            except (subprocess.TimeoutExpired, ValueError):
-                passes = [["no end of the pass"]]
-            if (found := next(filter(None, (_first(here, there) for there in passes)), None)) is not None:
-                for other in processes:
-                    other.kill()
-                return found
-    return None
+            process.kill()
+    found = next(filter(None, (_first(here, there) for some in passes for there in some)), None)
+    first, *others = passes
+    kept = all(some == first for some in others) and any(one != first[0] for one in first)
+    return None if found is None else found._replace(kept=kept)
+
+
+def _passes(process: subprocess.Popen[bytes], order: bytes) -> list[list[str]]:
+    """Return the steps of each pass in a process, in words."""
+    try:
+        found: list[list[str]] = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
+    except (subprocess.TimeoutExpired, ValueError):
+        return [["no end of the pass"]]
+    return found
 
 
 def _pass(hash_seed: str) -> subprocess.Popen[bytes]:

@@ -4,12 +4,13 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, field_validator
 
 from rig.protocol import steps
 from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import Step
 from rig.protocol.turns import Turns
+from rig_shared.number_text import read_number
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -31,6 +32,14 @@ class ProtocolParameters(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _plain_numbers(cls, value: Any, validated: Callable[[Any], Any]) -> Any:
+        found = validated(value)
+        if isinstance(value, str) and isinstance(found, int | float) and not isinstance(found, bool):
+            read_number(value)
+        return found
 
 
 class Handler(Protocol):

@@ -30,7 +30,7 @@ from rig.compare.recordings.recording import (
     shape_key,
     with_enough_positions,
 )
-from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, union
+from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, extent, union
 from rig.compare.recordings.sync_pulses import (
     ALL_UNSEEN,
     NO_PULSES,
@@ -189,7 +189,8 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     spike_s = fit.run_s(found.spike_s)
     notes = [*_outside_run(found.spike_s, spike_s, run.end_s), *_short_intervals(spike_s, run.end_s)]
     found = replace(found, notes=(*found.notes, *notes))
-    observed_s, every_s = fit.run_s(found.observed_s), np.concatenate([spike_s, fit.run_s(found.pulse_s)])
+    observed_s = fit.run_s(found.observed_s)
+    every_s = np.concatenate([spike_s, fit.run_s(found.pulse_s), fit.run_s(found.file_s)])
     is_open = [bool(some.any()) for some in (np.isneginf(observed_s), np.isposinf(observed_s))]
     beyond = [bool(_are_inside(observed_s, some).any()) and len(every_s) > 0 for some in fit.unseen_s]
     if found.throughout:
@@ -293,6 +294,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     units: dict[str | float, str] = {}
     fired: dict[str | float, str] = {}
     limited: dict[str | float, Row] = {}
+    every_s = list[float]()
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
         if said not in _KINDS:
@@ -307,15 +309,17 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         elif of_a_unit:
             limited.setdefault(label_key(name), row)
         seconds = row.number(role_name("time"))
+        every_s += [seconds] if said == "spike" else []
         if not of_a_unit:
             of_file[said].append(seconds)
         elif not unit or label_key(unit) == label_key(name):
             of_unit[said].append(seconds)
     named = [name or "(empty)" for name in fired.values()][:_MOST_LISTED]
     for key, row in limited.items():
-        if fired and key not in fired and key != label_key(unit):
+        if fired and key not in fired and label_key(unit) not in limited:  # it may be meant for the unit that is read
             expected = (
-                f"a unit with spikes ({', '.join(named)}); correct it, or, if this unit has none, delete the row"
+                f"a unit with spikes ({', '.join(named)}); correct it, or, if this unit has none, delete the row, or "
+                "state start and stop of the unit that is read, too"
             )
             raise row.wrong("unit", "unclear_name", expected)
     if (unit and label_key(unit) not in units) or (not unit and len(units) > 1):
@@ -329,7 +333,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     observed = both(*(_between(path, np.sort(one["start"]), np.sort(one["stop"])) for one in (of_file, of_unit)))
     pulses = np.array([] if stated else sorted(of_file["sync"]), dtype=float)
     spikes = np.array(of_unit["spike"], dtype=float)
-    return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows))
+    extent_s = extent(np.array(every_s))
+    return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows), file_s=extent_s)
 
 
 def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:

@@ -204,6 +204,33 @@ def units_csv(unit: str, *rows: str) -> Callable[[Path], str]:
     )
 
 
+def two_units(kind: str) -> Callable[[Path], str]:
+    """A file of a unit a, which fires at each press, and of a unit b, which has no spikes after 65 s."""
+    each = {"a": TIMES, "b": UNTIL_LOST}
+
+    def in_nix(folder: Path) -> str:
+        path, block, segment = folder / "synthetic.nix", neo.Block(), neo.Segment()
+        segment.spiketrains += [neo.SpikeTrain(s, units="s", t_stop=max(s), name=name) for name, s in each.items()]
+        block.segments.append(segment)
+        with neo.NixIO(str(path), mode="ow") as file:
+            file.write_block(block)
+        return f"{path}#b"
+
+    def in_mat(folder: Path) -> str:
+        path = folder / "synthetic.mat"
+        units = np.array([[name] for name, spikes in each.items() for _ in spikes], dtype=object)
+        scipy.io.savemat(path, {"time_s": np.array([*TIMES, *UNTIL_LOST]), "unit": units})
+        return f"{path}#b"
+
+    ends = [len(TIMES), len(TIMES) + len(UNTIL_LOST)]
+    in_nwb = nwb(units__spike_times=[*TIMES, *UNTIL_LOST], units__spike_times_index=ends, units__id=[0, 1])
+    in_csv = text("time_s,unit\n" + "".join(f"{t},{name}\n" for name, spikes in each.items() for t in spikes))
+    return {
+        "NWB": lambda folder: in_nwb(folder) + "#1", "CSV": lambda folder: in_csv(folder) + "#b", "NIX": in_nix,
+        "MAT": in_mat,
+    }[kind]  # fmt: skip
+
+
 SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
 
 UNOBSERVED = {
@@ -375,6 +402,27 @@ UNOBSERVED = {
             ("a start of 1, a unit 1.0", "one number", "1", ALL, 0, ("0,start,1.0", "100,stop,1.0")),
         )
     },
+    **{
+        f"{kind}, a unit that is silent while another fires": Case(
+            "the other unit's spikes show that the file recorded at 70 and 80 s, where this one has a rate of 0",
+            two_units(kind), rates=[*ALL[:3], 0], pulses=False,
+        )
+        for kind in ("NWB", "CSV", "NIX", "MAT")
+    },
+    **{
+        f"{kind}, a single spike": Case(
+            "the file recorded at its spike, and says no more", write, code="few_positions", pulses=False,
+            says=("7 of 8 presses are not observed: the file has events at 60.1 s, and does not state",),
+        )
+        for kind, write in {
+            "NWB": nwb(units__spike_times=[60.06]), "CSV": spikes_csv(spikes=[60.06]),
+            "NIX": nix(stop=60.06, spikes=[60.06]),
+        }.items()
+    },
+    "CSV, a start of a unit without spikes beside a unit with its own": Case(
+        "the unit that is read has its own rows, so the others are not its", units_csv(
+            "a", "0,start,a", "100,stop,a", "0,start,c"), rates=ALL, pulses=False,
+    ),
     "CSV, a fiber without spikes": Case(
         "its time is stated, so it is there", units_csv("c", "0,start,c", "100,stop,c"), code="no_spikes",
         pulses=False,
