@@ -14,7 +14,6 @@ from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, EngineMemory, Heartbeat, NoMemory
 from rig.engine.contact import ContactRecord, KnownContact, judged
-from rig.engine.jog import lift_from_rest
 from rig.engine.limits import (
     AT_MM,
     ContactTime,
@@ -26,7 +25,7 @@ from rig.engine.limits import (
     refuse_height,
     trip_height_mm,
 )
-from rig.engine.motion import Check, EndedMotionError, InterruptedMotionError, Motion, Outcome, insist
+from rig.engine.motion import Check, EndedMotionError, InterruptedMotionError, Motion, Outcome, insist, lift_from_rest
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.engine.watch import OnReading, Watch, WatchedMotion
 from rig.errors import NotReadyError, RecordError, TripError

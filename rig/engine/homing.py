@@ -11,8 +11,7 @@ from typing import Literal, NoReturn
 from rig.data.events import AlarmEvent
 from rig.devices.base import StageAlarm, StageError, StageRejected
 from rig.engine.engine import Engine
-from rig.engine.jog import DOWN, UP, Direction, jog
-from rig.engine.motion import Check, InterruptedMotionError, StrayedError
+from rig.engine.motion import DOWN, UP, Check, Direction, InterruptedMotionError, StrayedError, jog
 from rig.engine.sensing import AT_REST_S, NOISE_WIDTH, NoReadingError, zero_readings_gwt
 from rig.engine.watch import Watch
 from rig.errors import TripError

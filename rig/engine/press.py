@@ -7,7 +7,6 @@ from itertools import pairwise
 
 from rig.data.events import HoldEndEvent, HoldStartEvent, RampEvent, SyncEvent
 from rig.devices.base import ForceReading
-from rig.engine.corridor import PRINTED_MM
 from rig.engine.engine import Engine
 from rig.engine.limits import (
     CONTACT_EXPONENT,
@@ -17,7 +16,7 @@ from rig.engine.limits import (
     RampBound,
     SampleAge,
 )
-from rig.engine.motion import InterruptedMotionError
+from rig.engine.motion import PRINTED_MM, InterruptedMotionError
 from rig.engine.verbs import safe_point
 from rig.engine.watch import OnReading
 from rig.errors import LimitError, TripError

@@ -12,9 +12,19 @@ from dataclasses import dataclass, field, replace
 from rig.devices.base import MoveError, StageError, StageOverridden
 from rig.engine.contact import KnownContact
 from rig.engine.engine import Engine, State
-from rig.engine.jog import DOWN, UP, Direction, jogging, lift_from_rest, slices
 from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, SidewaysLimit, late_reading_s, park_height_mm
-from rig.engine.motion import Check, InterruptedMotionError, Outcome, insist
+from rig.engine.motion import (
+    DOWN,
+    UP,
+    Check,
+    Direction,
+    InterruptedMotionError,
+    Outcome,
+    insist,
+    jogging,
+    lift_from_rest,
+    slices,
+)
 from rig.engine.press import FrozenReading
 from rig.engine.sensing import NoReadingError, zero_readings_gwt
 from rig.engine.verbs import go_sideways
@@ -379,7 +389,7 @@ class Steps:
 
         def motion(check: Check) -> None:
             looks = jogging(stage, engine.clock, direction, by_mm, speed_mm_s)
-            engine.motion.watched(looks, stage.end_jog, check)
+            engine.motion.run(looks, check, stage.end_jog)
 
         return engine.run_watched(motion, watch)
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rig.clock import Clock
 from rig.devices.base import Axis
-from rig.engine.jog import Direction
+from rig.engine.motion import Direction
 from rig.engine.steps import MOST_MM
 from rig.errors import LimitError, NotReadyError, first_problem
 

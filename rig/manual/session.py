@@ -23,8 +23,8 @@ from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import ContactRecord, KnownContact
 from rig.engine.engine import State
-from rig.engine.jog import DOWN, UP, Direction
 from rig.engine.limits import AT_MM
+from rig.engine.motion import DOWN, UP, Direction
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing, zero_readings_gwt
 from rig.engine.steps import StepEnd, Steps, resume_position
 from rig.errors import BadInputError, LimitError, NotReadyError

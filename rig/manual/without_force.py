@@ -8,7 +8,7 @@ from rig.clock import Clock
 from rig.devices.base import Axis, Stage, StageStatus
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact, contact_at
-from rig.engine.jog import DOWN, UP, Direction, jog
+from rig.engine.motion import DOWN, UP, Direction, jog
 from rig.engine.steps import StepEnd
 from rig.errors import LimitError
 from rig.settings import RigSettings

@@ -15,7 +15,7 @@ from rig.data.run import read_run
 from rig.engine import Engine, RecordError, RunAborted, indent, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, ContactRecord, KnownContact, judged
-from rig.engine.jog import DOWN, UP, Direction
+from rig.engine.motion import DOWN, UP, Direction
 from rig.engine.sensing import Sensing
 from rig.engine.steps import Steps
 from rig.manual.status import ManualStatus
