@@ -1,16 +1,13 @@
-"""Limits and trips: forces, stopping distance, contact time, and positions of earlier contact."""
+"""Limits and trips: forces, time, heights, stopping distance, and positions of earlier contact."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S
 from rig.errors import LimitError, RigError, TripError
-from rig.records import ContactFit, PlannedIndentation
+from rig.records import PlannedIndentation
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 
@@ -49,20 +46,15 @@ class Trips:
     @property
     def lowest(self) -> str:
         """Name of the lowest limit."""
-        if self._ramp_gwt < min(self.soft_gwt, self._area_gwt):
-            return "ramp trip"
-        return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
-
-    @property
-    def lowest_code(self) -> str:
-        """Error code of the lowest limit."""
-        return self.lowest.replace(" ", "_")
+        limits_gwt = {"soft trip": self.soft_gwt, "pressure limit": self._area_gwt, "ramp trip": self._ramp_gwt}
+        return min(limits_gwt, key=lambda name: limits_gwt[name])
 
     def passed(self, force_gwt: float) -> TripError | None:
         """Return the trip that a reading of a press exceeds, or None."""
         if abs(force_gwt) > self.lowest_gwt:
             return TripError(
-                f"force {force_gwt:.2f} gwt exceeds the {self.lowest} of {self.lowest_gwt:.2f} gwt", self.lowest_code
+                f"force {force_gwt:.2f} gwt exceeds the {self.lowest} of {self.lowest_gwt:.2f} gwt",
+                self.lowest.replace(" ", "_"),
             )
         return None
 
@@ -82,6 +74,12 @@ class Trips:
 def pressure_limit_gwt(max_pressure_kpa: float, contact_area_mm2: float) -> float:
     """Return the force (gwt) at which the mean pressure on a contact area is the highest allowed one."""
     return max_pressure_kpa * contact_area_mm2 / 1000 / GWT_N
+
+
+class ContactTimeError(LimitError):
+    """The finger has been touched for longer than limits.max_contact_s."""
+
+    default_code = "contact_time"
 
 
 class ContactTime:
@@ -121,13 +119,40 @@ class ContactTime:
         return self.total_s > self._longest_s
 
     def refuse_more(self) -> None:
-        """Raise LimitError if the contact time exceeds limits.max_contact_s."""
+        """Raise ContactTimeError if the contact time exceeds limits.max_contact_s."""
         if self.over:
-            raise LimitError(
+            raise ContactTimeError(
                 f"the finger has been touched for {self.total_s:.1f} s in this run, longer than "
-                f"limits.max_contact_s = {self._longest_s:g} s",
-                "contact_time",
+                f"limits.max_contact_s = {self._longest_s:g} s"
             )
+
+
+class Heartbeat:
+    """Deadline that stops the stage if the engine stops responding.
+
+    The deadline is only set while the indentor may touch the finger; `look` checks it from another thread or timer.
+    """
+
+    def __init__(self, clock: Clock, stop: Callable[[], None]) -> None:
+        self._clock, self._stop = clock, stop
+        self._due_s: float | None = None
+        self.lost = False
+
+    def beat(self, within_s: float) -> None:
+        """Set the deadline to within_s seconds from now."""
+        self._due_s = self._clock.monotonic_s() + within_s
+
+    def rest(self) -> None:
+        """Clear the deadline: the indentor is clear of the finger."""
+        self._due_s = None
+
+    def look(self) -> None:
+        """Stop the stage, once, if the deadline has passed."""
+        due_s = self._due_s
+        if due_s is None or self.lost or self._clock.monotonic_s() <= due_s:
+            return
+        self.lost = True
+        self._stop()
 
 
 def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
@@ -177,41 +202,6 @@ def refuse_height(
 
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
-
-_TRIED = 201  # contact heights tried at once
-_FINER = 4  # refinements about the best one, each a hundred times finer
-
-
-def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> ContactFit:
-    """Fit the contact height to (height mm, force gwt) readings that descend to the threshold.
-
-    Least-squares fit of F = a · (contact − height)^1.5, zero above contact, to all readings, so that a single noisy
-    reading has little weight. If fewer than two readings exceed half a step of the sensor (resolution_gwt), the last
-    height is returned.
-    """
-    height, force = np.array(readings).T
-    shown = force > 0.5 * resolution_gwt
-    contact = float(height[-1]) if shown.sum() < 2 else _least_squares(height, force)
-    return ContactFit(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
-
-
-def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:
-    """Return the contact height (mm) within the descent; the best stiffness follows from each candidate."""
-
-    def misfits(contact_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        shape = np.maximum(contact_mm[:, None] - height_mm, 0.0) ** CONTACT_EXPONENT
-        stiffness = shape @ force_gwt / np.einsum("ij,ij->i", shape, shape)
-        return ((force_gwt - stiffness[:, None] * shape) ** 2).sum(1)
-
-    lowest, highest = height_mm[-1], height_mm[0]
-    tried, step = np.linspace(lowest, highest, _TRIED, retstep=True)
-    tried = tried[1:]  # At the last height nothing is below contact.
-    lowest += 0.5 * step
-    for _ in range(_FINER):
-        best = tried[int(np.argmin(misfits(tried)))]
-        tried, step = np.linspace(max(best - step, lowest), min(best + step, highest), _TRIED, retstep=True)
-    return float(tried[int(np.argmin(misfits(tried)))])
-
 
 # Time that a controller has queued at full speed: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/validation/devices.md).
 PREPARED_S = 0.11
@@ -360,10 +350,6 @@ class RampBound:
                 f"{self.fastest_mm_s:.2g} mm/s",
                 "ramp_too_fast",
             )
-
-
-# Share of its force that tissue keeps in a hold; it responds to a fast move as if it still had all of it.
-RELAXED_TO = 0.6
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,17 @@ from dataclasses import dataclass, field, replace
 
 from rig.devices.base import MoveError, StageError, StageOverridden
 from rig.engine.contact import KnownContact
-from rig.engine.engine import Engine, State
-from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, SidewaysLimit, late_reading_s, park_height_mm
+from rig.engine.contact_moves import FrozenReading, pull_in_descent
+from rig.engine.engine import LATE_FACTOR, Engine, State
+from rig.engine.limits import (
+    AT_MM,
+    TRIP_MARGIN,
+    ContactTime,
+    ContactTimeError,
+    SidewaysLimit,
+    late_reading_s,
+    park_height_mm,
+)
 from rig.engine.motion import (
     DOWN,
     UP,
@@ -25,7 +34,6 @@ from rig.engine.motion import (
     lift_from_rest,
     slices,
 )
-from rig.engine.press import FrozenReading
 from rig.engine.sensing import NoReadingError, zero_readings_gwt
 from rig.engine.verbs import go_sideways
 from rig.engine.watch import Watch
@@ -38,7 +46,6 @@ MOST_MM = 5.0
 """Longest step (mm)."""
 
 _TINY_MM = 1e-6
-_LATE_FACTOR = 2.0  # A jog may take this multiple of its nominal duration before the heartbeat is lost.
 _PLAIN_WATCH = Watch()
 _LOST_INCREMENTS = 2.0  # Farther below a touch, a force must still be there.
 
@@ -103,8 +110,7 @@ class _Descent:
         """Return the trip of a pull, and of a sensor that showed a touch and no longer answers to it."""
         touch_gwt, increment_mm = self.engine.sensing.touch_gwt, self.engine.settings.habits.increment_mm
         if force_gwt <= self.air_gwt - touch_gwt:
-            words = f"the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
-            return TripError(words, "reads_backwards")
+            return pull_in_descent(force_gwt)
         if self.touched_mm is None:
             return None
         below_mm = self.made_mm - self.touched_mm
@@ -195,9 +201,7 @@ class Steps:
             ended_by: RigError | None = motion()
         except TripError as trip:
             ended_by = trip
-        except LimitError as limit:
-            if limit.code != "contact_time":
-                raise
+        except ContactTimeError as limit:
             ended_by = limit
             try:
                 engine.lift()
@@ -385,7 +389,7 @@ class Steps:
         watch: Watch = _PLAIN_WATCH,
     ) -> Outcome:
         engine, stage = self._engine, self._stage
-        engine.beat(_LATE_FACTOR * by_mm / speed_mm_s)
+        engine.beat(LATE_FACTOR * by_mm / speed_mm_s)
 
         def motion(check: Check) -> None:
             looks = jogging(stage, engine.clock, direction, by_mm, speed_mm_s)

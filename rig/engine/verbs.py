@@ -134,7 +134,7 @@ def zero(engine: Engine) -> None:
     from_mm = engine.height_mm
     if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
         engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
-    found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
+    found = sensing.take_zero(zero_readings_gwt(lambda: engine.reading(from_zero=False)))
     if refused := refused_zero(sensing, found) or _changed_by_lift(engine):
         sensing.zero = None
         engine.trip(refused)
@@ -212,7 +212,7 @@ def _counted_from_here(engine: Engine) -> Iterator[None]:
     """Before the first zero, count forces from readings at the present position."""
     provisional = not engine.sensing.zeroed
     if provisional:
-        engine.sensing.take_zero(zero_readings_gwt(engine.raw_reading), provisional=True)
+        engine.sensing.take_zero(zero_readings_gwt(lambda: engine.reading(from_zero=False)), provisional=True)
     try:
         yield
     finally:
