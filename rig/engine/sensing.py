@@ -50,7 +50,24 @@ class NoReadingError(RigError):
         return isinstance(self.__cause__, _OUT_OF_RANGE)
 
 
-def read(sensor: ForceSensor, clock: Clock, wait_s: float, max_age_s: float = math.inf) -> ForceReading:
+@dataclass(frozen=True)
+class ReadingListener:
+    """Receiver of each raw reading, and of each failure in words."""
+
+    on_reading: Callable[[ForceReading], None] = lambda reading: None
+    on_failure: Callable[[str], None] = lambda problem: None
+
+
+_NOBODY = ReadingListener()
+
+
+def read(
+    sensor: ForceSensor,
+    clock: Clock,
+    wait_s: float,
+    max_age_s: float = math.inf,
+    listener: ReadingListener = _NOBODY,
+) -> ForceReading:
     """Return a reading taken after the wait.
 
     Raises NoReadingError if it is missing, not a number, stale, or came later than max_age_s after its request.
@@ -60,7 +77,9 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float, max_age_s: float = ma
     try:
         reading = sensor.read()
     except (ForceError, TransportError) as error:
+        listener.on_failure(str(error))
         raise NoReadingError(f"no force reading: {error}") from error
+    listener.on_reading(reading)
     if not math.isfinite(reading.force_n):
         raise NoReadingError(f"the force reading is {reading.force_n}, not a number", "not_a_number")
     if reading.t_s < requested_s:
@@ -118,8 +137,10 @@ class MotionForce:
 class Sensing:
     """One force sensor: forces in gwt, depths in mm."""
 
-    def __init__(self, settings: RigSettings, clock: Clock, sensor: ForceSensor) -> None:
-        self.sensor, self.moved = sensor, True  # moved: since the last settled reading.
+    def __init__(
+        self, settings: RigSettings, clock: Clock, sensor: ForceSensor, listener: ReadingListener = _NOBODY
+    ) -> None:
+        self.sensor, self._listener, self.moved = sensor, listener, True  # moved: since the last settled reading.
         self.zero: ForceZero | None = None  # zero that forces are counted from
         self.max_age_s = find(ForceKind, settings.force.kind).max_age_s(settings.force)
         self._settings, self._clock = settings, clock
@@ -283,7 +304,7 @@ class Sensing:
         return self.zero
 
     def _read(self, wait_s: float) -> ForceReading:
-        return read(self.sensor, self._clock, wait_s, self.max_age_s)
+        return read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:
         return reading if self.zero is None else self.zero.without_offset(reading)

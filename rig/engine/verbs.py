@@ -220,6 +220,12 @@ def _counted_from_here(engine: Engine) -> Iterator[None]:
             engine.sensing.zero = None
 
 
+def guarded_sideways(engine: Engine) -> tuple[SidewaysLimit, Watch]:
+    """Return the speed of a motion sideways, and what ends it: a touch, and a reading that comes too late."""
+    limit = SidewaysLimit.of(engine.settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+    return limit, Watch(touch_ends_it=True, late_s=late_reading_s(engine.settings))
+
+
 def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float = math.inf) -> None:
     """Move sideways at up to most_mm_s; contact is measured before, and a touch ends the move and trips.
 
@@ -227,15 +233,14 @@ def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float =
     longer than the way that the finger may be dragged. From the park height on, which no finger reaches, the stage
     has its travel speed.
     """
-    settings, habits = engine.settings, engine.settings.habits
-    limit = SidewaysLimit.of(settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+    habits = engine.settings.habits
+    limit, watch = guarded_sideways(engine)
     speed_mm_s, step_mm = limit.speed_mm_s, limit.in_contact_mm
     if engine.height_mm >= habits.park_height_mm - AT_MM:
         speed_mm_s, step_mm = habits.travel_speed_mm_s, habits.clearance_mm
     speed_mm_s = min(speed_mm_s, most_mm_s)
-    look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(settings)
+    look_s = min(engine.sensing.sensor.sample_period_s, LOOK_S)
     _refuse_contact_before_move(engine)
-    watch = Watch(touch_ends_it=True, late_s=late_s)
     while (
         engine.run_watched(lambda check: engine.motion.aside(x_mm, along_mm, speed_mm_s, check, look_s), watch)
         is not Outcome.ARRIVED

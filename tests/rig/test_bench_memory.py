@@ -16,7 +16,7 @@ from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.motion import DOWN
 from rig.engine.sensing import ForceZero, Sensing
-from rig.manual.session import take_zero
+from rig.engine.steps import take_zero
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
 from rig.settings import RigSettings
