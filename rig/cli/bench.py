@@ -17,7 +17,8 @@ from rig.clock import WallClock
 from rig.devices.base import ForceReading, Stage, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import ContactJson, KnownContact
+from rig.engine.contact import KnownContact
+from rig.engine.contact_words import ContactJson
 from rig.engine.sensing import Sensing
 from rig.engine.steps import take_zero
 from rig.manual.session import ManualSession, no_force_readings, not_checked

@@ -12,7 +12,7 @@ from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEv
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, EngineMemory, NoMemory
-from rig.engine.contact import ContactRecord, KnownContact, judged
+from rig.engine.contact import ContactRecord, KnownContact, contact_kind
 from rig.engine.limits import (
     AT_MM,
     ContactTime,
@@ -68,7 +68,7 @@ class Engine:
 
     Parts: motion (position), sensing (force), trips (force limits), contact (what is known of it), contact_time and
     heartbeat. The checks of a motion are in rig/engine/watch.py, the verbs of a script in rig/engine/verbs.py, the
-    parts of an indentation in rig/engine/indentation.py and rig/engine/press.py.
+    indentations in rig/engine/indentation.py.
     """
 
     def __init__(
@@ -256,7 +256,7 @@ class Engine:
     def record_contact(self, force_gwt: float | None) -> KnownContact:
         """Record and return the state of contact from the position and this force at rest; None: no force."""
         clear = self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
-        kind = judged(clear=clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
+        kind = contact_kind(clear=clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._here(kind, force_gwt)
         self.contact = self.contact.after_measuring(found, self._now_s)
         self.memory.touched(found)

@@ -195,11 +195,11 @@ class Sensing:
 
     def now(self) -> ForceReading:
         """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
-        return self._from_zero(self._read(0.0))
+        return self.from_zero(self._read(0.0))
 
     def settled(self) -> ForceReading:
         """Return a new reading from zero, taken at rest. Raises NoReadingError."""
-        return self._from_zero(self.raw())
+        return self.from_zero(self.raw())
 
     def raw(self) -> ForceReading:
         """Return the same reading without a zero; retry a busy sensor for BUSY_S. Raises NoReadingError."""
@@ -288,7 +288,7 @@ class Sensing:
         """Return a reading during a motion; None if the force is not monitored. Raises NoReadingError."""
         if begun.baseline_n is None:
             return None
-        reading = self._from_zero(self._read(0.0))
+        reading = self.from_zero(self._read(0.0))
         return replace(reading, force_n=reading.force_n - begun.baseline_n)
 
     @property
@@ -306,7 +306,8 @@ class Sensing:
     def _read(self, wait_s: float) -> ForceReading:
         return read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
 
-    def _from_zero(self, reading: ForceReading) -> ForceReading:
+    def from_zero(self, reading: ForceReading) -> ForceReading:
+        """Return a reading counted from the zero, if there is one."""
         return reading if self.zero is None else self.zero.without_offset(reading)
 
     def deflection_mm(self, force_gwt: float) -> float:

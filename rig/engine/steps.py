@@ -33,7 +33,7 @@ from rig.engine.motion import (
     slices,
 )
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing, zero_readings_gwt
-from rig.engine.verbs import changed_zero, go_sideways, guarded_sideways, refused_zero
+from rig.engine.verbs import go_sideways, guarded_sideways, zero_in_contact_error, zero_noise_error
 from rig.engine.watch import Watch
 from rig.errors import LimitError, NotReadyError, RigError, TripError
 from rig.records import NO_PRESS
@@ -94,7 +94,7 @@ class _Descent:
             f"touched, {grown_gwt:.2f} gwt more than before; step down again to continue", "touched", force_gwt
         )
 
-    def goes_on(self, force_gwt: float, by_mm: float) -> InterruptedMotionError | None:
+    def judge_increment(self, force_gwt: float, by_mm: float) -> InterruptedMotionError | None:
         """Judge the force at rest after an increment; return the first touch. Trips for a reading of no finger."""
         before_gwt, self.rest_gwt = self.rest_gwt, force_gwt
         self.made_mm += by_mm
@@ -156,17 +156,17 @@ class Steps:
         force_gwt = self._force_before(up=direction == UP)
         if direction == UP:
             self._descent = None
-            return self._ended(lambda: self._up(by_mm, speed_mm_s))
+            return self._run(lambda: self._up(by_mm, speed_mm_s))
         assert force_gwt is not None
         if direction == DOWN:
             if self._stage.homed:
                 settings = self._engine.settings
                 check = f"check frame.apex_z_mm = {settings.frame.apex_z_mm:g}; "
                 _refuse_depth(settings, self._engine.height_mm - by_mm, check)
-            return self._ended(lambda: self._down(by_mm, speed_mm_s, force_gwt))
+            return self._run(lambda: self._down(by_mm, speed_mm_s, force_gwt))
         self._descent = None
         self._refuse_contact()
-        return self._ended(lambda: self._aside(direction, by_mm, speed_mm_s))
+        return self._run(lambda: self._aside(direction, by_mm, speed_mm_s))
 
     def park(self, speed_mm_s: float) -> StepEnd:
         """Lift to the park height. Raises as `make`."""
@@ -176,7 +176,7 @@ class Steps:
             raise NotReadyError("park: heights are unknown; home first", "not_homed")
         self._descent = None
         left_mm = engine.settings.habits.park_height_mm - engine.height_mm
-        return self._ended(lambda: self._up(left_mm, speed_mm_s) if left_mm > AT_MM else None)
+        return self._run(lambda: self._up(left_mm, speed_mm_s) if left_mm > AT_MM else None)
 
     def zero(self, before: LastKnown, speed_mm_s: float) -> tuple[str, ForceZero]:
         """Zero the sensor, lift by `ZERO_LIFT_MM` and stay there; return the sensor's identity and the zero.
@@ -202,7 +202,7 @@ class Steps:
             if force_gwt is None:
                 raise LimitError("no steady force after the lift; zero the sensor again", "no_reading")
             if abs(force_gwt) >= sensing.touch_gwt:
-                changed = changed_zero(force_gwt)
+                changed = zero_in_contact_error(force_gwt)
                 raise LimitError(str(changed), changed.code)
         except BaseException:
             sensing.zero = None
@@ -237,7 +237,7 @@ class Steps:
             engine.contact_time = ContactTime(engine.clock, engine.settings.limits)  # of this contact
         return StepEnd(known, force_gwt)
 
-    def _ended(self, motion: Callable[[], RigError | None]) -> StepEnd:
+    def _run(self, motion: Callable[[], RigError | None]) -> StepEnd:
         engine = self._engine
         try:
             ended_by: RigError | None = motion()
@@ -351,7 +351,7 @@ class Steps:
                 )
             force_gwt = self._increment(descent, step_mm, speed_mm_s)
             left_mm -= step_mm
-            if problem := descent.goes_on(force_gwt, step_mm):
+            if problem := descent.judge_increment(force_gwt, step_mm):
                 return problem
         return None
 
@@ -469,7 +469,7 @@ def take_zero(sensing: Sensing, memory: EngineMemory) -> tuple[str, ForceZero]:
     memory.record_zero(None)
     try:
         zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
-        if refused := refused_zero(sensing, zero):
+        if refused := zero_noise_error(sensing, zero):
             raise LimitError(str(refused), refused.code)
     except NoReadingError as error:
         sensing.zero = None

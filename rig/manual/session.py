@@ -40,7 +40,7 @@ FASTEST_MM_S = 10.0
 SPEED_MM_S = 2.0
 """Speed of a step (mm/s) unless chosen, and where no guard asks for a lower one."""
 
-Heard = Callable[[StageStatus | None, ForceReading], None]
+OnPositionedReading = Callable[[StageStatus | None, ForceReading], None]
 """Receives each force reading, with the position of the stage by its last report."""
 
 
@@ -62,13 +62,13 @@ class ManualSession:
         settings: RigSettings,
         bench: Bench,
         known: LastKnown,
-        on_reading: Heard = lambda at, reading: None,
+        on_reading: OnPositionedReading = lambda at, reading: None,
         on_failure: Callable[[str], None] = lambda problem: None,
     ) -> None:
         """Prepare a session. known: what the last command left. on_reading, on_failure: of each force reading."""
         self._settings, self._bench, self._known, self._on_reading = settings, bench, known, on_reading
         self.memory = BenchMemory(settings)
-        self.sensing = Sensing(settings, bench.clock, bench.force, ReadingListener(self._heard, on_failure))
+        self.sensing = Sensing(settings, bench.clock, bench.force, ReadingListener(self._receive_reading, on_failure))
         self.sensing.zero = known.zero
         self.force_gwt: float | None = None  # last reading, from the zero
         self._at: StageStatus | None = None
@@ -204,9 +204,8 @@ class ManualSession:
         self._at = at = self._bench.stage.status()
         return at
 
-    def _heard(self, reading: ForceReading) -> None:
-        zero = self.sensing.zero
-        self.force_gwt = (reading if zero is None else zero.without_offset(reading)).force_n / GWT_N
+    def _receive_reading(self, reading: ForceReading) -> None:
+        self.force_gwt = self.sensing.from_zero(reading).force_n / GWT_N
         self._on_reading(self.at, reading)
 
 

@@ -173,7 +173,7 @@ def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_c
 
 READINGS: dict[str, Callable[[Any], Any]] = {
     "reading": lambda engine: engine.reading(),
-    "raw_reading": lambda engine: engine.raw_reading(),
+    "raw_reading": lambda engine: engine.reading(from_zero=False),
     "read_force_gwt": lambda engine: engine.read_force_gwt(PressId(0), "press"),
 }
 
