@@ -5,7 +5,7 @@ import math
 from rig.data.events import RampEvent
 from rig.devices.base import ForceReading
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, UNREAD_S, RampBound, SampleAge
+from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, UNREAD_S, RampBound, reading_delay_s
 from rig.engine.motion import PRINTED_MM, InterruptedMotionError
 from rig.engine.verbs import safe_point
 from rig.errors import LimitError, TripError
@@ -129,7 +129,7 @@ class ContactMoves:
         engine.record(start, self.id)
         self.peak_gwt, self.ramp_from = 0.0, (0.0, engine.clock.monotonic_s())
         unread_mm = speed_mm_s * UNREAD_S + self.smallest_mm + PRINTED_MM
-        late_mm = speed_mm_s * SampleAge.of(engine.settings).wait_s
+        late_mm = speed_mm_s * reading_delay_s(engine.settings)
         before_mm, before_gwt = engine.height_mm, 0.0
         frozen = FrozenReading(engine.sensing.resolution_gwt, late_mm)
 

@@ -209,6 +209,11 @@ PREPARED_S = 0.11
 UNREAD_S = 0.35
 
 
+def reading_delay_s(settings: RigSettings) -> float:
+    """Return the time from the end of a move to a reading that is unaffected by it (s)."""
+    return settings.force.latency_s + settings.habits.settle_readings * settings.force.sample_period_s
+
+
 @dataclass(frozen=True)
 class Stopping:
     """Stopping of a stage from a speed, with a delay latency_s and at most most_mm left to go."""
@@ -221,8 +226,7 @@ class Stopping:
     @classmethod
     def of(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
         """Return the stopping in a press: delays of sensor, reading and controller, at most one increment queued."""
-        waited_s = settings.habits.settle_readings * settings.force.sample_period_s
-        late_s = settings.force.latency_s + waited_s + PREPARED_S
+        late_s = reading_delay_s(settings) + PREPARED_S
         return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
 
     @classmethod
@@ -352,33 +356,6 @@ class RampBound:
             )
 
 
-@dataclass(frozen=True)
-class SampleAge:
-    """Age of a force sample in a press: how much the force rises unseen, and how fast the press can be."""
-
-    age_s: float
-    wait_s: float
-    increment_mm: float
-
-    @classmethod
-    def of(cls, settings: RigSettings) -> "SampleAge":
-        """Return it for the configured sensor, with the wait for a reading after an increment."""
-        force, habits = settings.force, settings.habits
-        wait_s = force.latency_s + habits.settle_readings * force.sample_period_s
-        return cls(force.latency_s + force.sample_period_s, wait_s, habits.increment_mm)
-
-    def press_speed_mm_s(self, speed_mm_s: float) -> float:
-        """Return the mean speed of a press whose moves have this speed (mm/s): it waits after each increment."""
-        return self.increment_mm / (self.increment_mm / speed_mm_s + self.wait_s)
-
-    def rise_gwt(self, speed_mm_s: float, stiffness_gwt_mm: float) -> float:
-        """Return how much the force rises while a sample ages (gwt): speed · age · stiffness.
-
-        A press moves by one increment at most without a reading.
-        """
-        return stiffness_gwt_mm * min(speed_mm_s * self.age_s, self.increment_mm)
-
-
 class Touched:
     """Contact heights above the nominal apex (mm) by position, for one indentor since the last homing.
 
@@ -387,28 +364,23 @@ class Touched:
 
     def __init__(self, settings: RigSettings) -> None:
         self._settings = settings
-        self._contact_mm: dict[tuple[float, float], float] = {}
-        self._reached: dict[tuple[float, float], tuple[float, float]] = {}
+        self._found: dict[tuple[float, float], tuple[float, tuple[float, float] | None]] = {}
 
     def at(self, x_mm: float, along_mm: float, contact_mm: float, reached: tuple[float, float] | None = None) -> None:
         """Record the contact height at a position after the lift, and the force and depth of the press there."""
-        self._contact_mm[x_mm, along_mm] = contact_mm
-        if reached is not None:
-            self._reached[x_mm, along_mm] = reached
+        self._found[x_mm, along_mm] = contact_mm, reached
 
     def reached_at(self, x_mm: float, along_mm: float) -> tuple[float, float] | None:
         """Return the depth (mm) and force (gwt) of the last press at a position, or None."""
-        return self._reached.get((x_mm, along_mm))
+        return self._found.get((x_mm, along_mm), (0.0, None))[1]
 
     def forget_at(self, x_mm: float, along_mm: float) -> None:
         """Forget the contact at a position."""
-        self._contact_mm.pop((x_mm, along_mm), None)
-        self._reached.pop((x_mm, along_mm), None)
+        self._found.pop((x_mm, along_mm), None)
 
     def forget(self) -> None:
         """Forget all contacts: new indentor, new homing, or an operator at the finger."""
-        self._contact_mm.clear()
-        self._reached.clear()
+        self._found.clear()
 
     def free_mm(self, x_mm: float, along_mm: float, speed_mm_s: float) -> float:
         """Return the height (mm) down to which one move at this speed is safe at a position.
@@ -416,8 +388,8 @@ class Touched:
         Last contact plus margin plus stopping distance, at most clearance; clearance if the position was not touched.
         """
         habits = self._settings.habits
-        contact_mm = self._contact_mm.get((x_mm, along_mm))
-        if contact_mm is None:
+        found = self._found.get((x_mm, along_mm))
+        if found is None:
             return habits.clearance_mm
         stopping_mm = Stopping.in_one_move(self._settings, speed_mm_s).distance_mm
-        return min(contact_mm + habits.retouch_margin_mm + stopping_mm, habits.clearance_mm)
+        return min(found[0] + habits.retouch_margin_mm + stopping_mm, habits.clearance_mm)
