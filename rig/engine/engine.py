@@ -426,6 +426,11 @@ class Engine:
         if self.settings.limits.on_alarm == "trip":
             self.trip(reason)
 
+    @property
+    def trip_lifts(self) -> bool:
+        """Whether a trip lifts: not where it is configured to stay, nor after a lost heartbeat stopped the stage."""
+        return self.settings.limits.on_trip != "stop" and not self.heartbeat.lost
+
     def trip(
         self,
         reason: TripError,
@@ -447,9 +452,7 @@ class Engine:
             self._journalled(TripEvent(str(reason), force_gwt, self.contact_time.rounded_s))
         lifted = False
         try:
-            if self.settings.limits.on_trip == "stop":
-                self.stop()
-            elif not self.heartbeat.lost:
+            if self.trip_lifts:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
                 insist(lambda: self._leave(to_mm))
                 insist(self._leave_force)
@@ -458,6 +461,8 @@ class Engine:
                     self.measure_contact()
                 if self.contact.measured.kind == "disagreement":  # A finger came up after the lift.
                     insist(self._leave_force)
+            elif self.settings.limits.on_trip == "stop":
+                self.stop()
         except (InterruptedMotionError, StageError, TransportError) as error:
             reason = TripError(f"{reason}; and the lift failed: {error}", reason.code)
             reason.lift_code = code_of(error)

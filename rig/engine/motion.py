@@ -74,6 +74,13 @@ class StrayedError(InterruptedMotionError):
         self.at = at
 
 
+def is_where_left(at: StageStatus, left_at_mm: Sequence[float] | None) -> bool:
+    """Return whether a stage still stands, homed, where the last command left it, so that its position is trusted."""
+    if left_at_mm is None or at.state != "Idle" or not at.referenced:
+        return False
+    return all(abs(a - b) <= PRINTED_MM for a, b in zip((at.x_mm, at.y_mm, at.z_mm), left_at_mm, strict=True))
+
+
 # --- corridor ---
 
 

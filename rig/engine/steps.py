@@ -428,7 +428,7 @@ class Steps:
         """
         engine, stage, settings = self._engine, self._stage, self._engine.settings
         self._descent = None
-        if stage.homed or settings.limits.on_trip == "stop" or engine.heartbeat.lost:
+        if stage.homed or not engine.trip_lifts:
             return trip
         clearance_mm, lifted_mm, by_mm = settings.habits.clearance_mm, 0.0, first_mm
         most_mm = max(park_height_mm(settings, clearance_mm) - clearance_mm, first_mm)
