@@ -25,7 +25,7 @@ from rig.devices.base import Axis, ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.jog import slices
+from rig.engine.motion import slices
 from rig.engine.reference import Compliance, measure_compliance
 from rig.engine.steps import MOST_MM
 from rig.errors import BadInputError

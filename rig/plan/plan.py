@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 
 from rig.data import Run
 from rig.data.folder import PLAN
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, pressure_limit_gwt
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, pressure_limit_gwt
 from rig.errors import BadInputError, RigError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_file, with_stored_file
+from rig.plan.sample_age import SampleAge
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient

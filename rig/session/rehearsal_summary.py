@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Literal, NotRequired
 
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError
-from rig.engine.limits import CONTACT_EXPONENT, SampleAge, Stopping
+from rig.engine.limits import CONTACT_EXPONENT, Stopping
 from rig.plan.config import Config
 from rig.plan.plan import Plan, ramp_bound
+from rig.plan.sample_age import SampleAge
 from rig.protocol.script import Script
 from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from rig.engine.limits import RampBound, SampleAge, pressure_limit_gwt
+from rig.engine.limits import RampBound, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_file import Draw, IdentifiedFinger
@@ -24,6 +24,7 @@ from rig.plan.plan import (
     refuse_fast_ramps,
     refuse_unseen,
 )
+from rig.plan.sample_age import SampleAge
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import ForceTooDeepError, NoPredictionError, ScriptState

@@ -16,7 +16,7 @@ import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
 from rig.devices.base import StageError
 from rig.engine import Engine, Journal, Target
-from rig.engine.jog import Direction, slices
+from rig.engine.motion import Direction, slices
 from rig.engine.steps import MOST_MM
 from rig.manual.session import ManualSession
 from rig.plan.plan import Plan
