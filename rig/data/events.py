@@ -394,6 +394,11 @@ TIME = Column("t_s", "s", float, "time of the event since the start of the run")
 """First column of every table of events."""
 
 
+def is_last_hold(end: Mapping[str, Any], start: Mapping[str, Any]) -> bool:
+    """Return whether a hold that has ended finishes the press that began with `start`."""
+    return end.get("hold") is not None and end["hold"] == start.get("increments")
+
+
 @cache
 def columns_of(table: type) -> tuple[Column, ...]:
     """Return the columns of a class of events, or of another table."""

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from rig.data.deviation import PressDeviation, bands_of, deviation_of
 from rig.data.documents import Document
-from rig.data.events import READING, WAITED_FOR
+from rig.data.events import READING, WAITED_FOR, is_last_hold
 from rig.data.folder import RunFolder, replace_text
 from rig_shared.user_files import json_of, read_text
 
@@ -361,10 +361,10 @@ class RunState:
             self.indentation, self.holds = data, []
         elif stream == "hold_end":
             self.holds.append(data)
-        elif stream == ENDED and "index" in data:
-            self.finished.add(data["index"])
-            if self.deviation is not None:
-                self.deviations[data["index"]] = self.deviation
+            if is_last_hold(data, self.indentation) and "index" in data:
+                self.finished.add(data["index"])
+                if self.deviation is not None:
+                    self.deviations[data["index"]] = self.deviation
         elif stream in ("alarm", "trip", "paused"):
             self.said = str(data.get("reason", ""))
 
@@ -400,7 +400,7 @@ class RunState:
     @property
     def deviation(self) -> PressDeviation | None:
         """Measured beside predicted quantity of the last indentation; None before its last hold has ended."""
-        if not self.holds or self.holds[-1].get("hold") != self.indentation.get("increments"):
+        if not self.holds or not is_last_hold(self.holds[-1], self.indentation):
             return None
         return deviation_of(self.indentation, self.holds[-1], bands_of(self.start))
 

@@ -289,7 +289,7 @@ class Phase:
 def phases(run: Run) -> list[Phase]:
     """Return the phases that took time."""
     booked = booked_s(run)
-    whole, presses = sum(booked.values()) or 1.0, max(len(run.stream("indentation_end")), 1)
+    whole, presses = sum(booked.values()) or 1.0, max(len(run.done), 1)
     return [Phase(name, s, s / whole, s / presses) for name, s in booked.items() if s]
 
 

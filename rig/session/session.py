@@ -17,7 +17,7 @@ from rig.clock import Clock, WallClock
 from rig.control.stop import OwnedStage
 from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.documents import last_document
-from rig.data.events import STREAMS, streams_with
+from rig.data.events import STREAMS, is_last_hold, streams_with
 from rig.data.folder import PLAN, UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end
 from rig.data.run_status import RunStatus
@@ -440,8 +440,13 @@ def _button(session: Session) -> dict[str, Any]:
 def _counted(done: set[int], watch: Watch) -> Watch:
     """Return the watch, with the indices of finished indentations added to a set."""
 
+    begun: Mapping[str, Any] = {}
+
     def counted(stream: str, data: Mapping[str, Any]) -> None:
-        if stream == "indentation_end":
+        nonlocal begun
+        if stream == "indentation_start":
+            begun = data
+        elif stream == "hold_end" and is_last_hold(data, begun):
             done.add(data["index"])
         watch(stream, data)
 

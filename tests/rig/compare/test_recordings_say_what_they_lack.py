@@ -189,6 +189,8 @@ class Case:
     """Words of the sentences on the recording."""
     silent: str | None = None
     """Words that must not be among them."""
+    run: Callable[[Run], Run] = lambda run: run
+    """What is different in the run."""
 
 
 def gap(begin: float, end: float) -> dict[str, Any]:
@@ -1684,8 +1686,66 @@ SHOWN = {
         ("observed=throughout",), rates=ALL),
 }  # fmt: skip
 
+
+def asked(**differently: tuple[Any, Any]) -> Callable[[Run], Run]:
+    """A run in which these were asked of the even presses, and of the odd ones."""
+
+    def changed(run: Run) -> Run:
+        starts = [
+            {**start, **{name: values[start["index"] % 2] for name, values in differently.items()}}
+            for start in run.stream("indentation_start")
+        ]
+        return replace(run, events={**run.events, "indentation_start": starts})
+
+    return changed
+
+
+def _labelled_by_place(run: Run) -> Run:
+    """As the schedules of the program are: the condition of a press is its position."""
+    starts = [{**start, "condition": f"{start['x_mm']:g}"} for start in run.stream("indentation_start")]
+    return replace(run, events={**run.events, "indentation_start": starts})
+
+
+def _moved_along(run: Run) -> Run:
+    moves = [{"t_s": start - 3, "along_mm": float(n % 2)} for n, start in enumerate(STARTS)]
+    return replace(run, events={**run.events, "move": moves})
+
+
+def _without_the_last_lift(run: Run) -> Run:
+    return replace(run, events={**run.events, "indentation_end": run.stream("indentation_end")[:-1]})
+
+
+OF_AMPLIFIER = of_amplifier(**PULSES)
+
+PRESSES_OF_A_RUN = {
+    "killed after the last hold": Case(
+        "a press whose last hold ended is finished", OF_AMPLIFIER, rates=ALL, run=_without_the_last_lift,
+        read_as="All 8 presses",
+    ),
+    **{
+        f"presses that differ in {words}": Case(
+            "they are no repeats of one condition", OF_AMPLIFIER, rates=ALL, run=run, read_as=f"differ in {words},"
+        )
+        for words, run in (
+            ("speed (0.1 and 0.3 mm/s)", asked(speed_mm_s=(0.1, 0.3))),
+            ("verb (indent and ramp)", asked(verb=("indent", "ramp"))),
+            ("duration of the hold (0.6 and 1 s)", asked(hold_s=(0.6, 1.0))),
+            ("condition (dry and wet)", asked(condition=("dry", "wet"))),
+            ("condition (none and wet) and speed (1 and 10 mm/s)",
+             asked(condition=(None, "wet"), speed_mm_s=(10.0, 1.0))),
+            ("place along the finger (0 and 1 mm)", _moved_along),
+        )
+    },
+    "presses whose condition is their position": Case(
+        "nothing is mixed", OF_AMPLIFIER, rates=ALL, silent="differ", run=_labelled_by_place,
+    ),
+    "presses that are alike": Case("nothing is said", OF_AMPLIFIER, rates=ALL, silent="differ",
+                                   run=asked(speed_mm_s=(0.1, 0.1), repeat=(1, 2), block=(1, 2))),
+}  # fmt: skip
+
 CASES = (
-    UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
+    PRESSES_OF_A_RUN
+    | UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
     | NO_PULSES_THERE | SHOWN | ORDERS
 )  # fmt: skip
 
@@ -1693,7 +1753,7 @@ CASES = (
 @pytest.mark.parametrize("name", CASES)
 def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     case = CASES[name]
-    run = run_with_pulses(tmp_path, case.width_s) if case.pulses else journal(tmp_path)
+    run = case.run(run_with_pulses(tmp_path, case.width_s) if case.pulses else journal(tmp_path))
     recorded = [f"bar:3={case.write(tmp_path)}"]
     reading = Reading((0.0, case.window_s))
     if case.code:
