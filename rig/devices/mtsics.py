@@ -22,6 +22,8 @@ from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 
 REPLY_S = 0.5
+# A busy balance is asked again at this interval, longer than a reply takes, until REPLY_S after the first request.
+ASK_AGAIN_S = 0.05
 # Zero and tare wait in the balance for a stable load.
 SETTLE_S = 10.0
 
@@ -83,9 +85,17 @@ class MtSicsForce:
         self._transport.close()
 
     def _weight(self, command: str, timeout_s: float) -> ForceReading:
-        words = self._ask(command, timeout_s)
-        force_n = self._newton(words)
-        return ForceReading(force_n, words[1] == "S", self._clock.monotonic_s())
+        """Ask for a weight, and again while the balance is busy. Raises ForceError."""
+        until_s = self._clock.monotonic_s() + timeout_s
+        while True:
+            try:
+                words = self._ask(command, until_s - self._clock.monotonic_s())
+                return ForceReading(self._newton(words), words[1] == "S", self._clock.monotonic_s())
+            except ForceBusy:
+                # The last request needs time for its reply: a late one would put the balance out of step.
+                if self._clock.monotonic_s() + 2 * ASK_AGAIN_S > until_s:
+                    raise
+                self._clock.wait_s(ASK_AGAIN_S)
 
     def _newton(self, words: list[str]) -> float:
         if len(words) != 4 or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):

@@ -25,6 +25,8 @@ from rig.transport.wire import Transport, arrived, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
+# A device that answers "not now" is asked again at this interval, for the time of two replies.
+ASK_AGAIN_S = 0.02
 BROADCAST = 0
 # Replies on a serial line have no number. For LATE_S after an unanswered request, its reply may still arrive and be
 # taken for the reply to a later request of the same kind, so such requests wait for a second reply.
@@ -42,6 +44,7 @@ _EXCEPTIONS = {
     5: "acknowledged, not done yet", 6: "device busy", 8: "memory parity error",
     10: "gateway path unavailable", 11: "the device behind the gateway does not answer",
 }  # fmt: skip
+_NOT_NOW = (5, 6, 10, 11)
 
 
 class ModbusError(RigError):
@@ -68,6 +71,12 @@ class ModbusRefused(ModbusError):  # noqa: N818
     default_code = "refused"
 
 
+class ModbusBusy(ModbusRefused):
+    """Error of a request that the device, or its gateway, cannot answer now."""
+
+    default_code = "busy"
+
+
 @dataclass(frozen=True)
 class _Unanswered:
     """Kind of a request without a reply, and the time (s) until which its reply was awaited."""
@@ -85,7 +94,8 @@ class ModbusMaster:
     """Master of one bus (RTU) or one connection (TCP); devices have ids 1 … 247.
 
     baud determines the silence between RTU frames. reply_s bounds the wait for a reply. A read that times out or is
-    garbled is repeated, up to read_tries in all; a write is not, since the device may have carried it out.
+    garbled is repeated, up to read_tries in all, and one that the device cannot answer now until two replies could
+    have come. A write is not repeated, since the device may have carried it out.
 
     Many RS-485 adapters echo. The first read detects this, and the echo is then removed from every reply, so that
     the echo of a write, which equals the reply to function 06, does not count as one.
@@ -126,16 +136,21 @@ class ModbusMaster:
 
     def read(self, device_id: int, address: int, count: int = 1) -> list[int]:
         """Read `count` registers of 16 bits from `address` on (function 03). Raises ModbusError, TransportError."""
-        for left in reversed(range(self._read_tries)):
+        until_s, left = self._clock.monotonic_s() + 2 * self._reply_s, self._read_tries
+        while True:
             request = ReadHoldingRegistersRequest(dev_id=device_id, address=address, count=count)
             try:
                 return list(self._exchange(request, lambda answer: len(answer.registers) == count).registers)
+            except ModbusBusy:
+                if self._clock.monotonic_s() + ASK_AGAIN_S >= until_s:
+                    raise
+                self._clock.wait_s(ASK_AGAIN_S)
             except (ModbusTimeout, ModbusGarbled):
-                if not left:
+                left -= 1
+                if left <= 0:
                     raise
                 with in_turn(self._one, 2 * self._reply_s):
                     self._drain()
-        raise ValueError(f"read_tries must be positive, got {self._read_tries}")
 
     def write_one(self, device_id: int, address: int, value: int) -> None:
         """Write one register (function 06). Raises ModbusError, TransportError."""
@@ -282,7 +297,8 @@ class ModbusMaster:
 
     def _refused(self, request: ModbusPDU, answer: ModbusPDU) -> ModbusRefused:
         meaning = _EXCEPTIONS.get(answer.exception_code, "see the device's manual")
-        return ModbusRefused(f"{self._label(request)}: refused with exception {answer.exception_code}, {meaning}")
+        kind = ModbusBusy if answer.exception_code in _NOT_NOW else ModbusRefused
+        return kind(f"{self._label(request)}: refused with exception {answer.exception_code}, {meaning}")
 
     def _label(self, request: ModbusPDU) -> str:
         code = request.function_code

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rig.devices.registry import ForceKind, find
-from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed
+from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed, framed
 from tests.error_codes import causes, shows
 from tests.faults.catalogue import Fault
 from tests.faults.outcomes import suffer
@@ -112,6 +112,82 @@ def test_one_wrong_message_now_and_then_ends_nothing(kind: str, tmp_path: Path) 
 
     _pressed_to_the_same_force(_changed(in_turn), tables, tmp_path)
     assert not left
+
+
+# --- a device that is busy ---
+
+
+def _exception(number: int) -> Change:
+    """Instead of the answer to each read."""
+    return lambda data: [framed(data[0], bytes([0x83, number]))] if data[1] == 3 else [data]
+
+
+def _says(reply: bytes) -> Change:
+    return lambda data: [reply] if data.startswith((b"S S ", b"S D ")) else [data]
+
+
+LAUMAS = {"force": {"kind": "laumas", "baud": 115200}, **NEAR}
+MTSICS = {"force": {"kind": "mtsics"}, **NEAR}
+LEADSHINE = {"stage": {"kind": "leadshine"}, **NEAR}
+BUSY: dict[str, tuple[dict[str, Any], Change]] = {
+    **{f"laumas: {number}": (LAUMAS, _exception(number)) for number in (6, 11)},
+    "leadshine: 6": (LEADSHINE, _exception(6)),
+    "mtsics: S I": (MTSICS, _says(b"S I\r\n")),
+}
+NO_VALUE: dict[str, tuple[dict[str, Any], Change]] = {
+    "laumas: 4": (LAUMAS, _exception(4)),
+    "mtsics: S +": (MTSICS, _says(b"S +\r\n")),
+    "mtsics: S -": (MTSICS, _says(b"S -\r\n")),
+}
+"""Answers that are final. All numbers: tests/contracts, tests/rig/test_modbus_master.py."""
+everywhere = pytest.mark.parametrize("phase", ["", "clearance", "press"], ids=["in the air", "near", "in contact"])
+BUSY_TIMES = 3
+"""So often one after the other, as answers are lost."""
+
+
+def _answering(bench: FaultyBench, change: Change) -> None:
+    line = bench.stage_line if bench.config.stage.kind == "leadshine" else bench.force_line
+    bench.change(line, change)
+
+
+def _struck(phase: str, change: Change) -> Callable[[FaultyBench], object]:
+    """At once, on the way to the finger, or from the first sample of a phase on."""
+    if not phase:
+        return lambda bench: _answering(bench, change)
+    return lambda bench: bench.after(phase, lambda: _answering(bench, change))
+
+
+@everywhere
+@pytest.mark.parametrize("name", BUSY)
+def test_a_device_that_is_busy_now_and_then_ends_nothing(name: str, phase: str, tmp_path: Path) -> None:
+    tables, busy = BUSY[name]
+    asked, refused = [0], [0]
+
+    def now_and_then(data: bytes) -> list[bytes]:
+        asked[0] += 1
+        if asked[0] % (APART + BUSY_TIMES) < APART or (found := busy(data)) == [data]:
+            return [data]
+        refused[0] += 1
+        return found
+
+    _pressed_to_the_same_force(_struck(phase, now_and_then), tables, tmp_path)
+    assert refused[0] > BUSY_TIMES
+
+
+@everywhere
+@pytest.mark.parametrize("name", BUSY | NO_VALUE)
+def test_a_device_that_has_no_value_ends_a_press_and_is_no_reading(name: str, phase: str, tmp_path: Path) -> None:
+    """Whether it stays busy or has a final answer; the force is no higher than without a reading."""
+    tables, answer = (BUSY | NO_VALUE)[name]
+    found = suffer(Fault("no value", "", "", _struck(phase, answer), tables), tmp_path)
+    assert found.ended_by is not None
+    assert found.worst_gwt <= bound_gwt()
+    if "force" in tables:
+        assert (found.outcome, found.ended_by.code) == ("lifted", "no_reading")
+        code = {"S +": "overload", "S -": "underload"}.get(name.split(": ")[1], "refused")
+        assert ("busy" if name in BUSY else code) in causes(found.ended_by)
+    else:
+        assert "busy" in {found.ended_by.code, *causes(found.ended_by)}
 
 
 def _late_in_pieces(bench: FaultyBench) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rig.settings import Framing
 from rig.transport import LoopbackTransport, modbus
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import ModbusBusy, ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
@@ -104,11 +104,21 @@ ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number
 """What an error about READ_2 names."""
 
 
-@pytest.mark.parametrize("number", [1, 11])
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 7, 8])
 def test_an_exception_response_says_function_register_and_code(master: Any, rtu: Rtu, number: int) -> None:
     bus = master([(READ_2, rtu(f"01 83 {number:02X}"))])
     with raises(ModbusRefused, "refused", number=f"exception {number},", **ABOUT_2):
         bus.read(1, 7, 2)
+
+
+NOT_NOW = pytest.mark.parametrize("number", [5, 6, 10, 11])
+
+
+@NOT_NOW
+def test_a_write_that_cannot_be_obeyed_now_is_not_repeated(master: Any, rtu: Rtu, number: int) -> None:
+    """A stop may have come in between, and a trigger would then move the stage after it."""
+    with raises(ModbusBusy, "busy"):
+        master([(GOLDEN_SAVE, rtu(f"01 86 {number:02X}"))]).write_one(1, 0x1801, 0x2244)
 
 
 def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
@@ -151,6 +161,20 @@ class LateTransport(TimedWire):
         self.sent_s.append(now_s)
         self.coming += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
         self.coming.sort(key=lambda due: due[0])
+
+
+@NOT_NOW
+def test_a_read_that_cannot_be_answered_now_is_asked_again(clock: VirtualClock, rtu: Rtu, number: int) -> None:
+    """As long as two replies may take, 0.4 s, also after a lost one; then the device is busy."""
+    busy, good = [(0.005, rtu(f"01 83 {number:02X}"))], [(0.005, rtu(ANSWER_2))]
+    wire = LateTransport(clock, [busy, busy, [], busy, good, *[busy] * 40])
+    bus = ModbusMaster(wire, clock)
+    assert bus.read(1, 7, 2) == [1, 0x86A0]
+    assert len(wire.sent_s) == 5
+    begun_s = clock.monotonic_s()
+    with raises(ModbusBusy, "busy", number=f"exception {number},", **ABOUT_2 | {"port": "wire"}):
+        bus.read(1, 7, 2)
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.4, abs=0.03)
 
 
 @pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])
@@ -349,7 +373,17 @@ BEGINNINGS = st.sampled_from(
 )  # fmt: skip
 NOISE = st.builds(lambda first, rest: first + rest, BEGINNINGS, st.binary(max_size=40))
 CODES = {
-    *("no_reply", "incomplete", "bad_crc", "no_modbus", "does_not_fit", "another_device", "late_answer", "refused"),
+    *(
+        "no_reply",
+        "incomplete",
+        "bad_crc",
+        "no_modbus",
+        "does_not_fit",
+        "another_device",
+        "late_answer",
+        "refused",
+        "busy",
+    ),
 }
 
 

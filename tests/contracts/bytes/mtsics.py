@@ -25,7 +25,6 @@ DEVICE = ForceBytes(
     refusals={
         "overload": NoWeight(b"S +\r\n", ForceOverload, "overload"),
         "underload": NoWeight(b"S -\r\n", ForceUnderload, "underload"),
-        "busy": NoWeight(b"S I\r\n", ForceBusy, "busy"),
         "unknown command": NoWeight(b"ES\r\n", ForceError, "unknown_command"),
         "garbled command": NoWeight(b"ET\r\n", ForceError, "garbled_command"),
         "not possible": NoWeight(b"EL\r\n", ForceError, "not_possible"),
@@ -65,5 +64,6 @@ DEVICE = ForceBytes(
         "half a confirmation": Zeroing({ZERO: [b"Z\r\n"]}, ForceError, "garbled"),
         "a weight": Zeroing({ZERO: [b"S S 1.00 g\r\n"]}, ForceError, "garbled"),
     },
+    not_now={"busy": NoWeight(b"S I\r\n", ForceBusy, "busy")},
     lacks={"cell error": "no reply of levels 0 and 1 says so"},
 )
