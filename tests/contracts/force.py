@@ -53,6 +53,18 @@ class NoWeight:
     mangled: Frame = as_it_is
 
 
+def without_line_end(line: bytes) -> Mapping[str, NoWeight]:
+    """A line that ends otherwise than with LF: bytes arrive, and the cable is no reason."""
+    ends = {
+        "CR alone": line + b"\r",
+        "STX and ETX": b"\x02" + line + b"\x03",
+        "ETX and a checksum": b"\x02" + line + b"\x034F",
+        "no end": line,
+        "a beginning": line[:5],
+    }
+    return {name: NoWeight(data, ForceTimeout, "no_line_end") for name, data in ends.items()}
+
+
 @dataclass(frozen=True)
 class Zeroing:
     """Replies while the sensor is zeroed, each question's one after the other; without a kind it is zeroed.

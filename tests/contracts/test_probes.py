@@ -57,7 +57,10 @@ MTSICS = ReadOnly(
     "mtsics", SERIAL, (9600, "8N1"),
     {b"I4\r\n": b'I4 A "0123456789"\r\n', b"SI\r\n": b"S D      -0.01 g\r\n"},
     "MT-SICS balance 0123456789",
-    unusable={"wrong_unit": {b"SI\r\n": b"S S 1.00 oz\r\n"}},
+    unusable={
+        "wrong_unit": {b"SI\r\n": b"S S 1.00 oz\r\n"},
+        "no_line_end": {b"I4\r\n": b'I4 A "0123456789"\r'},
+    },
 )  # fmt: skip
 LEADSHINE_RTU = ReadOnly(
     "leadshine", SERIAL, (115200, "8N1"),

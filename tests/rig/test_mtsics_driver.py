@@ -81,6 +81,18 @@ def test_what_came_unasked_is_no_answer(balance: Balance, late: bytes) -> None:
     assert [force.read().force_n, force.read().force_n] == pytest.approx([GWT_N, GWT_N])
 
 
+@pytest.mark.parametrize("end", [b"\r", b"\x03"], ids=repr)
+def test_a_balance_without_line_ends_is_told_from_a_dead_cable(balance: Balance, end: bytes) -> None:
+    """Greeted, and asked for a weight: what arrives is shown."""
+    number = HELLO[1].rstrip() + end
+    force = balance((b"@\r\n", number), (b"I4\r\n", number), HELLO, (b"SI\r\n", b"S S 1.00 g" + end), HELLO, WEIGHT)
+    with raises(ForceTimeout, "no_line_end", port="scripted", end="end of line", shown=repr(number)[2:-1]):
+        force.connect()
+    with raises(ForceTimeout, "no_line_end", port="scripted", shown=repr(b"S S 1.00 g" + end)):
+        force.read()
+    assert force.read().stable
+
+
 # --- answers ---
 
 

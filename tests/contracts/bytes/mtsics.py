@@ -1,7 +1,7 @@
 """A balance that speaks MT-SICS level 0 and 1."""
 
 from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
-from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing
+from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing, without_line_end
 
 ASK, ZERO = b"SI\r\n", b"Z\r\n"
 SERIAL = b'I4 A "0123456789"\r\n'
@@ -51,7 +51,7 @@ DEVICE = ForceBytes(
         "a zero": NoWeight(b"Z A\r\n"),
         "a weight alone": NoWeight(b"1.00 g\r\n"),
         "no ASCII": NoWeight(b"\xff\xff\r\n"),
-        "half a line": NoWeight(b"S S     10", ForceTimeout, "no_reply"),
+        **without_line_end(b"S S     10.00 g"),
     },
     zeroing={
         "at rest": Zeroing({ZERO: [b"Z A\r\n"]}),
