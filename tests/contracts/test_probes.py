@@ -52,6 +52,10 @@ GRBL = ReadOnly(
         b"$I\n": b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n",
     },
     "[VER:1.1h.20190825:] [OPT:V,15,128]",
+    unusable={
+        "old_firmware": {b"?": b"<Idle,MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>\r\n"},
+        "other_firmware": {b"$I\n": b"[VER:3.9 FluidNC v3.9.1 (esp32-wifi) :]\r\n[OPT:MPHS]\r\nok\r\n"},
+    },
 )  # fmt: skip
 MTSICS = ReadOnly(
     "mtsics", SERIAL, (9600, "8N1"),
