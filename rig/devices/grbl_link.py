@@ -107,7 +107,7 @@ def refuse_firmware(port: str, printed: Iterable[str]) -> None:
 
 def homes_to_origin(printed: Iterable[str]) -> bool:
     """Return whether the reply to `$I` has the option Z: a homed board counts from where homing ends."""
-    return any(line.startswith("[OPT:") and "Z" in line[5:].rstrip("]").split(",")[0] for line in printed)
+    return any(line.startswith("[OPT:") and "Z" in line for line in printed)
 
 
 def _is_old_status(line: str) -> bool:

@@ -1,5 +1,6 @@
 """Presses under faults of the stages and the sensor that are not in tests/faults/catalogue.py."""
 
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -9,7 +10,8 @@ from typing import Any
 import pytest
 
 from rig.devices.registry import ForceKind, find
-from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed, framed
+from sim.devices.modbus import RegisterFault
+from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed
 from tests.error_codes import causes, shows
 from tests.faults.catalogue import Fault
 from tests.faults.outcomes import suffer
@@ -116,26 +118,50 @@ def test_one_wrong_message_now_and_then_ends_nothing(kind: str, tmp_path: Path) 
 
 # --- a device that is busy ---
 
-
-def _exception(number: int) -> Change:
-    """Instead of the answer to each read."""
-    return lambda data: [framed(data[0], bytes([0x83, number]))] if data[1] == 3 else [data]
+Now = Callable[[], bool]
+"""Whether the next request or answer is refused."""
 
 
-def _says(reply: bytes) -> Change:
-    return lambda data: [reply] if data.startswith((b"S S ", b"S D ")) else [data]
+def _refuses(number: int) -> Callable[[FaultyBench, Now], None]:
+    """Registers that refuse reads and writes, which they then do not obey."""
+
+    def strike(bench: FaultyBench, now: Now) -> None:
+        leadshine = bench.config.stage.kind == "leadshine"
+        for device in (bench.board.x, bench.board.z) if leadshine else (bench.sensor,):
+            for name in ("read", "write"):
+                setattr(device, name, _or_fault(getattr(device, name), number, now))
+
+    return strike
 
 
+def _or_fault(obey: Callable[..., Any], number: int, now: Now) -> Callable[..., Any]:
+    def refuse_or_obey(*request: Any) -> Any:
+        if now():
+            raise RegisterFault(number)
+        return obey(*request)
+
+    return refuse_or_obey
+
+
+def _says(reply: bytes) -> Callable[[FaultyBench, Now], None]:
+    """A balance that answers so instead of with a weight."""
+    return lambda bench, now: bench.change(
+        bench.force_line, lambda data: [reply] if data.startswith((b"S S ", b"S D ")) and now() else [data]
+    )
+
+
+Answer = tuple[dict[str, Any], Callable[[FaultyBench, Now], None]]
 LAUMAS = {"force": {"kind": "laumas", "baud": 115200}, **NEAR}
 MTSICS = {"force": {"kind": "mtsics"}, **NEAR}
 LEADSHINE = {"stage": {"kind": "leadshine"}, **NEAR}
-BUSY: dict[str, tuple[dict[str, Any], Change]] = {
-    **{f"laumas: {number}": (LAUMAS, _exception(number)) for number in (6, 11)},
-    "leadshine: 6": (LEADSHINE, _exception(6)),
+BUSY: dict[str, Answer] = {
+    "laumas: 6": (LAUMAS, _refuses(6)),
+    "laumas: 11": (LAUMAS, _refuses(11)),
+    "leadshine: 6": (LEADSHINE, _refuses(6)),
     "mtsics: S I": (MTSICS, _says(b"S I\r\n")),
 }
-NO_VALUE: dict[str, tuple[dict[str, Any], Change]] = {
-    "laumas: 4": (LAUMAS, _exception(4)),
+NO_VALUE: dict[str, Answer] = {
+    "laumas: 4": (LAUMAS, _refuses(4)),
     "mtsics: S +": (MTSICS, _says(b"S +\r\n")),
     "mtsics: S -": (MTSICS, _says(b"S -\r\n")),
 }
@@ -145,33 +171,24 @@ BUSY_TIMES = 3
 """So often one after the other, as answers are lost."""
 
 
-def _answering(bench: FaultyBench, change: Change) -> None:
-    line = bench.stage_line if bench.config.stage.kind == "leadshine" else bench.force_line
-    bench.change(line, change)
-
-
-def _struck(phase: str, change: Change) -> Callable[[FaultyBench], object]:
+def _struck(phase: str, answer: Callable[[FaultyBench, Now], None], now: Now) -> Callable[[FaultyBench], object]:
     """At once, on the way to the finger, or from the first sample of a phase on."""
     if not phase:
-        return lambda bench: _answering(bench, change)
-    return lambda bench: bench.after(phase, lambda: _answering(bench, change))
+        return lambda bench: answer(bench, now)
+    return lambda bench: bench.after(phase, lambda: answer(bench, now))
 
 
 @everywhere
 @pytest.mark.parametrize("name", BUSY)
 def test_a_device_that_is_busy_now_and_then_ends_nothing(name: str, phase: str, tmp_path: Path) -> None:
-    tables, busy = BUSY[name]
-    asked, refused = [0], [0]
+    tables, answer = BUSY[name]
+    asked = itertools.count()
 
-    def now_and_then(data: bytes) -> list[bytes]:
-        asked[0] += 1
-        if asked[0] % (APART + BUSY_TIMES) < APART or (found := busy(data)) == [data]:
-            return [data]
-        refused[0] += 1
-        return found
+    def now_and_then() -> bool:
+        return next(asked) % (APART + BUSY_TIMES) >= APART
 
-    _pressed_to_the_same_force(_struck(phase, now_and_then), tables, tmp_path)
-    assert refused[0] > BUSY_TIMES
+    _pressed_to_the_same_force(_struck(phase, answer, now_and_then), tables, tmp_path)
+    assert next(asked) > 3 * APART
 
 
 @everywhere
@@ -179,7 +196,7 @@ def test_a_device_that_is_busy_now_and_then_ends_nothing(name: str, phase: str, 
 def test_a_device_that_has_no_value_ends_a_press_and_is_no_reading(name: str, phase: str, tmp_path: Path) -> None:
     """Whether it stays busy or has a final answer; the force is no higher than without a reading."""
     tables, answer = (BUSY | NO_VALUE)[name]
-    found = suffer(Fault("no value", "", "", _struck(phase, answer), tables), tmp_path)
+    found = suffer(Fault("no value", "", "", _struck(phase, answer, lambda: True), tables), tmp_path)
     assert found.ended_by is not None
     assert found.worst_gwt <= bound_gwt()
     if "force" in tables:

@@ -134,10 +134,12 @@ def test_a_refusal_is_an_error_and_the_balance_stays_in_step(
 class BusyWire(TimedWire):
     """A balance that replies after 10 ms, and is busy in a span of time."""
 
-    busy_s = (math.inf, math.inf)
+    busy_s, silent_s = (math.inf, math.inf), math.inf
 
     def write(self, data: bytes) -> None:
         now_s = self.clock.monotonic_s()
+        if now_s >= self.silent_s:
+            return
         assert data != HELLO[0] or now_s == 0.0, "greeted anew"
         weight = b"S I\r\n" if self.busy_s[0] <= now_s < self.busy_s[1] else WEIGHT[1]
         self.coming.append((now_s + 0.01, HELLO[1] if data == HELLO[0] else weight))
@@ -159,6 +161,20 @@ def test_a_busy_balance_is_asked_for_its_weight_until_the_time_of_the_question_i
     assert lasts_s - 0.1 < clock.monotonic_s() - wire.busy_s[0] < lasts_s
     wire.busy_s = (math.inf, math.inf)
     assert force.read().stable
+
+
+@pytest.mark.parametrize(("command", "lasts_s"), [("SI", 0.5), ("S", 3.0)])
+def test_a_balance_that_was_busy_and_falls_silent_is_waited_for_no_longer(
+    clock: VirtualClock, command: str, lasts_s: float
+) -> None:
+    wire = BusyWire(clock)
+    force = MtSicsForce(wire, clock)
+    force.read()
+    begun_s = clock.monotonic_s()
+    wire.busy_s, wire.silent_s = (begun_s, math.inf), begun_s + 0.3 * lasts_s
+    with raises(ForceTimeout, "no_reply", command=command):
+        ASK[command](force)
+    assert clock.monotonic_s() - begun_s == pytest.approx(lasts_s)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ WHO = bytes.fromhex("01 03 00 00 00 04")
 ASK = bytes.fromhex("01 03 00 06 00 08")
 ZERO = bytes.fromhex("01 10 00 05 00 01 02 00 08")
 OBEYED = bytes.fromhex("01 10 00 05 00 01")
+BUSY = bytes.fromhex("01 83 06")
 
 
 def shown(status: str, gross: str, units: str = "01 0C") -> bytes:
@@ -67,8 +68,11 @@ ZEROING = {
     "two counts are left": Zeroing({ASK: [GOOD, shown("08 00", "00 00 00 02")]}, ForceBusy, "not_zeroed"),
     "two counts of pull are left": Zeroing({ASK: [GOOD, shown("08 80", "00 00 00 02")]}, ForceBusy, "not_zeroed"),
     "refused": Zeroing({ZERO: [bytes.fromhex("01 90 03")]}, ForceError, "refused"),
-    "busy": Zeroing({ZERO: [bytes.fromhex("01 90 06")]}, ForceError, "busy"),
-    "busy once": Zeroing({ASK: [bytes.fromhex("01 83 06"), GOOD, ZEROED]}),
+    "busy": Zeroing(
+        {ZERO: [bytes.fromhex("01 90 06"), OBEYED], ASK: [bytes.fromhex("01 83 06"), GOOD, ZEROED]}, told=2
+    ),
+    "acknowledged": Zeroing({ZERO: [bytes.fromhex("01 90 05")]}, ForceError, "busy"),
+    "silence behind a gateway": Zeroing({ZERO: [bytes.fromhex("01 90 0B")]}, ForceError, "busy"),
     "silent": Zeroing({ZERO: [SILENCE]}, ForceTimeout, "no_reply"),
     "not confirmed": Zeroing({ZERO: [bytes.fromhex("01 10 00 06 00 01")]}, ForceError, "garbled"),
 }
