@@ -316,6 +316,8 @@ def _choose(room: Room, given: _DeviceOptions, found: Sequence[PortFound], draft
         if there is not None and there.kind is not None and there.own and there.kind.name == kind:
             own.setdefault(there.kind.place, {}).update(there.own)
         draft.put(of_port, {room: {"kind": kind, "port": port, **own}})
+        if there is not None and there.problem is not None:
+            complain(f"warning: {there.problem}")
         if there is not None and there.identity is not None:
             draft.identities[room] = there.identity
 
