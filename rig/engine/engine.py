@@ -60,7 +60,7 @@ class State(Enum):
     UNHOMED = "unhomed"
     READY = "ready"
     IN_CONTACT = "in contact"  # anywhere below clearance
-    TRIPPED = "tripped"
+    TRIPPED = "tripped"  # for good: another engine begins with the next command, or when manual control homes
 
 
 class Engine:
@@ -520,7 +520,10 @@ class Engine:
         self.heartbeat.rest()
 
     def stop(self) -> None:
-        """Stop past every queue. The position is no longer trusted; a trip stays latched."""
+        """Stop past every queue, without a lift: for STOP, a second Ctrl-C and the participant's button.
+
+        The position is no longer trusted; a trip stays latched.
+        """
         self.motion.forget_depth()
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED

@@ -234,8 +234,21 @@ class Steps:
             known = engine.record_contact(force_gwt if sensing.absolute else None)
         if not known.may_touch and engine.state is State.IN_CONTACT:
             engine.enter_clearance()
-            engine.contact_time = ContactTime(engine.clock, engine.settings.limits)  # of this contact
+            self._end_contact_time()
+        if not self._stage.homed and force_gwt is not None:
+            self._count_contact(force_gwt)
         return StepEnd(known, force_gwt)
+
+    def _count_contact(self, force_gwt: float) -> None:
+        """Count the contact time at an unknown height, where only the force shows a contact."""
+        if abs(force_gwt) >= self._engine.sensing.touch_gwt:
+            self._engine.contact_time.begin()
+        else:
+            self._end_contact_time()
+
+    def _end_contact_time(self) -> None:
+        """Begin the contact time anew: under manual control the limit is that of one contact."""
+        self._engine.contact_time = ContactTime(self._engine.clock, self._engine.settings.limits)
 
     def _run(self, motion: Callable[[], RigError | None]) -> StepEnd:
         engine = self._engine
@@ -366,9 +379,9 @@ class Steps:
         try:
             self._jog(DOWN, by_mm, speed_mm_s, Watch())
             return engine.read_force_gwt(NO_PRESS, "approach")
-        except TripError as trip:
+        except (TripError, ContactTimeError) as problem:
             made_mm = descent.made_mm + by_mm
-            raise self._lifted(trip, min(made_mm, engine.settings.habits.clearance_mm)) from None
+            raise self._lifted(problem, min(made_mm, engine.settings.habits.clearance_mm)) from None
 
     def _aside(self, direction: Direction, by_mm: float, speed_mm_s: float) -> RigError | None:
         """Go sideways so slowly that a touch ends the motion below half the soft trip."""
@@ -421,14 +434,15 @@ class Steps:
             engine.contact = replace(engine.contact, may_touch=True)
             engine.memory.touched(KnownContact(unix_s=engine.clock.unix_s()))
 
-    def _lifted(self, trip: TripError, first_mm: float) -> TripError:
-        """Lift after a trip, which the engine cannot where heights are unknown; return the trip with what was done.
+    def _lifted(self, trip: RigError, first_mm: float) -> TripError:
+        """Lift after a trip or a contact time that is over, which the engine cannot where heights are unknown.
 
         The lift takes back the way down, or by clearance sideways, and goes on by clearances while a force falls.
+        Returns the trip with what was done.
         """
         engine, stage, settings = self._engine, self._stage, self._engine.settings
         self._descent = None
-        if stage.homed or not engine.trip_lifts:
+        if isinstance(trip, TripError) and (stage.homed or not engine.trip_lifts):
             return trip
         clearance_mm, lifted_mm, by_mm = settings.habits.clearance_mm, 0.0, first_mm
         most_mm = max(park_height_mm(settings, clearance_mm) - clearance_mm, first_mm)

@@ -64,7 +64,7 @@ def mount(engine: Engine, indentor: str) -> None:
 def home(engine: Engine) -> None:
     """Home the stage; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
-        raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", "tripped")
+        raise NotReadyError("home: not allowed after a trip; end this run, and home with the next one", "tripped")
     engine.touched.forget()
     engine.heartbeat.rest()  # Homing lifts first, and lasts longer than the heartbeat allows.
     controller = engine.guarded(engine.bench.stage.connect)

@@ -31,3 +31,27 @@ def test_a_step_down_ends_with_the_contact_time_and_lifts_to_clearance() -> None
     assert isinstance(found.ended_by, LimitError)
     assert found.known.kind == "lifted"
     assert bench.height_mm == pytest.approx(bench.config.habits.clearance_mm, abs=0.02)
+
+
+@pytest.mark.parametrize("zero", [ForceZero(0.0, 0.0), None], ids=["zeroed", "before the first zero"])
+def test_at_an_unknown_height_a_contact_time_that_is_over_ends_the_way_down(zero: ForceZero | None) -> None:
+    """Between two steps nothing moves by itself; the next one down is refused, and one under way lifts."""
+    for wait_s, code in ((2.0, None), (0.0, "contact_time")):
+        bench = SessionBench("grbl", zero=zero, above_mm=0.4, max_contact_s=1.0)
+        bench.bench.stage.stop()
+        bench.bench.stage.connect()
+        bench.bench.stage.unlock()
+        assert code_of_end(bench.step("z", -1.0)) == "touched"
+        touched_mm = bench.height_mm
+        if wait_s:
+            bench.clock.wait_s(wait_s)
+            with pytest.raises(LimitError) as refused:
+                bench.step("z", -0.05)
+            assert refused.value.code == "contact_time"
+            assert bench.height_mm == pytest.approx(touched_mm)
+        else:
+            found = bench.step("z", -0.3, 0.1)
+            assert code_of_end(found) == code
+            assert bench.height_mm > touched_mm + 0.3
+        bench.step("z", 2.0)
+        assert code_of_end(bench.step("z", -0.05)) is None, "a new contact counts from zero"
