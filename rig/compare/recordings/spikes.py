@@ -201,8 +201,19 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
         beyond = [False, False]
     events_s = float(every_s.min()) if beyond[0] else -np.inf, float(every_s.max()) if beyond[1] else np.inf
     stated = any(one and not left for one, left in zip(beyond, is_open, strict=True)) * (_MORE_THAN_PULSES,)
-    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated)
+    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated, *_unknown_clock(fit.known_s))
+    if np.isfinite(fit.known_s).any():
+        observed_s = both(observed_s, np.array([fit.known_s]))
     return SpikeTimes(spike_s, observed_s, events_s, fit.clock, every, found.read_as)
+
+
+def _unknown_clock(known_s: tuple[float, float]) -> list[str]:
+    """Return a sentence on the times at which the pulses do not tell the clock; none if they do throughout."""
+    beyond = [f"{word} {at_s:.1f} s" for word, at_s in zip(("before", "after"), known_s, strict=True)
+              if np.isfinite(at_s)]  # fmt: skip
+    where = " and ".join(beyond).capitalize()
+    return [f"{where} of the run, its pulses and those of the file do not fit one another, as if "
+            "the recorder had lost data: presses there count as not observed."] if beyond else []  # fmt: skip
 
 
 def _not_observed(spike_s: Array, observed_s: Array) -> list[str]:

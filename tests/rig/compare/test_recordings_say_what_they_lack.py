@@ -808,7 +808,37 @@ ROWS = {
 MS_PULSES = {"intervals__sync_pulses__start_time": 1e3 * amplifier(RISES)}
 MS_SPIKES = {"units__spike_times": 1e3 * amplifier(TIMES)}
 
+
+def recorder_that_lost(press: int | None, *pulses: int) -> Callable[[Path], str]:
+    """Its clock is half a second late from one pulse and press on, or up to the first."""
+    spikes, rises = np.array(TIMES), np.array(RISES)
+    if press is not None:
+        rises[list(pulses)] -= 0.5
+        mine = (spikes > STARTS[press] - 1) & (spikes < STARTS[press] + 1)
+        spikes[mine] -= 0.5
+    return of_amplifier(spikes.tolist(), **pulses_at(amplifier(rises)))
+
+
 CLOCKED = {
+    **{
+        f"a recorder that lost half a second {when}": Case(
+            "the line of the other pulses is not its clock there", recorder_that_lost(of_presses, *pulses), **right
+        )
+        for when, of_presses, pulses, right in (
+            ("before the last pulse", 7, (7,), {
+                "rates": ALL[:3], "lost": 2, "read_as": "After 69.5 s of the run, its pulses and those of",
+            }),
+            ("after the first pulse", 0, (0,), {
+                "rates": [8, *ALL[1:]], "lost": 1, "read_as": "Before 19.3 s of the run, its pulses and those of",
+            }),
+            ("never", None, (), {"rates": ALL, "silent": "do not fit one another"}),
+        )
+    },
+    "a pulse too many at switch-on, and the last one missing": Case(
+        "each has an explanation of its own, at another end",
+        of_amplifier(**pulses_at(np.append(0.001, amplifier(RISES[:-1])))), rates=ALL,
+        silent="do not fit one another",
+    ),
     "NWB, spikes in ms and pulses in s": Case(
         "each input has its own unit", nwb(**MS_SPIKES, **PULSES), ("time=spike_times:ms",), rates=ALL,
     ),
