@@ -972,7 +972,38 @@ def xlsx(
 E_ACUTE = ["\u00e9", "e\u0301"]
 NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
 
+
+def spikes_with(columns: str, *values: str, unit: str = "") -> Callable[[Path], str]:
+    """A table of spikes with further columns, whose cells take these values in turn."""
+    rows = [f"{t},{values[n % len(values)]}" for n, t in enumerate(TIMES)]
+    return lambda folder: text("\n".join([f"time_s,{columns}", *rows]) + "\n")(folder) + f"#{unit}" * bool(unit)
+
+
 IDENTITIES = {
+    **{
+        f"a table with a column {name}": Case(
+            "unit 1 of one channel is not unit 1 of another", spikes_with(f"unit,{name}", "1,3", "1,5", unit="1"),
+            ("time=time_s,unit=unit",), code="several_channels",
+            says=(name, "(3, 5)", "3-1", "--columns unit=COLUMN"),
+        )
+        for name in ("Channel", "chan", "electrode", "Tetrode_ID", "shank 2", "probe", "ch1")
+    },
+    "a table with channels, and no unit": Case(
+        "each has a unit", spikes_with("electrode", "3", "5"), ("time=time_s",), code="several_channels",
+        says=("(3, 5)",),
+    ),
+    "a table with one channel": Case(
+        "one unit", spikes_with("unit,channel", "1,3", unit="1"), ("time=time_s,unit=unit",), rates=ALL, pulses=False,
+        read_as="Not read: channel.",
+    ),
+    "a table with channels of other units": Case(
+        "one unit", lambda folder: text(
+            "time_s,unit,channel\n" + "".join(f"{t},1,3\n{t},2,4\n" for t in TIMES))(folder) + "#1",
+        ("time=time_s,unit=unit",), rates=ALL, pulses=False,
+    ),
+    "a table with amplitudes": Case(
+        "no label", spikes_with("amplitude", "3", "5"), ("time=time_s",), rates=ALL, pulses=False,
+    ),
     "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
     "an id that occurs twice": Case(
         "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
