@@ -236,6 +236,19 @@ def two_units(kind: str) -> Callable[[Path], str]:
 SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
 
 UNOBSERVED = {
+    "NIX, t_stop at the last spike": Case(
+        "the pulses show that the amplifier was on; the end that is not believed is said",
+        nix(stop=max(UNTIL_LOST), line_v=True), ("sync=ttl",), rates=[*ALL[:3], 0],
+        read_as="u ends at its last spike (60.1 s)",
+    ),
+    "NIX, t_stop at the last spike, t_start before the first": Case(
+        "the beginning is stated", nix(BEGAN_S, max(UNTIL_LOST), line_v=True), ("sync=ttl",), rates=[8, 24, 12, 0],
+        lost=1, read_as="u ends at its last spike (60.1 s)",
+    ),
+    "NIX, t_stop after the last spike": Case(
+        "it is believed", nix(stop=LOST_S, line_v=True), ("sync=ttl",), rates=ALL[:3], lost=2,
+        silent="ends at its last spike",
+    ),
     "NWB, obs_intervals end": Case(
         "presses at 70 and 80 s are after the unit was lost at 65 s",
         of_amplifier(UNTIL_LOST, **PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
@@ -727,7 +740,30 @@ def twice(*last: str, shift_mm: float = 0.0, header: str = "position_mm,rate,rep
     return table(header, *(f"{x + shift_mm * (n - 1)!r},{y},{n}" for x, y, n in TWICE), *last)
 
 
+def three_repeats(*labels: str, third: Sequence[str]) -> Callable[[Path], str]:
+    """Rates of two presses at each of four positions, and a third row."""
+    places = {-0.5: ("2.33", "4"), 0.0: ("10", "14"), 0.25: ("6", "7"), 1.0: ("0", "1")}
+    rows = [(x, one, label) for x, pair in places.items() for one, label in zip(pair, labels[:2], strict=True)]
+    rows += [(x, one, labels[2]) for x, one in zip(places, third, strict=True)]
+    return table("position_mm,rate,repeat", *(f"{x:g},{one},{label}" for x, one, label in rows))
+
+
 ROWS = {
+    **{
+        f"a repeat {label} that is {what}": Case(
+            "no press is what the others are together", three_repeats("1", "2", label, third=third),
+            code="totals",
+            says=(f"'{label}'", word, "each of 4 positions"),
+        )
+        for label, what, word, third in (
+            ("0", "the mean", "mean", ("3.165", "12", "6.5", "0.5")),
+            ("9", "the sum", "sum", ("6.33", "24", "13", "1")),
+            ("3", "the rounded mean", "mean", ("3.2", "12.0", "6.5", "0.5")),
+        )
+    },
+    "a repeat that is the mean at some positions": Case(
+        "by chance", three_repeats("1", "2", "3", third=("3.165", "12", "6.5", "0")), rates=[3.165, 12, 6.5, 1 / 3],
+    ),
     "positions that differ by a rounding error": Case("they are one position", twice(shift_mm=4e-16), rates=ALL),
     "positions that differ by 0.1 µm": Case("they are one position", twice(shift_mm=1e-4), rates=ALL),
     "positions that differ by 2 µm": Case("readings of a stage; four positions or eight?", twice(shift_mm=2e-3),
@@ -787,10 +823,10 @@ ROWS = {
         f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL,
         read_as="The repeats a, b are counted as presses: delete rows of sums and means."),
     **{
-        f"repeats with names, and {word!r}": Case("no list has all words for a mean, so the names are said", table(
+        f"repeats with names, and {word!r}": Case("no list has all words for a mean, so the numbers tell", table(
             "position_mm,rate,repeat", *(f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE),
-            *(f"{x},{y},{word}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))), rates=ALL,
-            read_as=f"The repeats a, b, {word} are counted as presses")
+            *(f"{x},{y},{word}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))), code="totals",
+            says=(repr(word), "mean"))
         for word in ("alle", "gemiddelde", "\u03a3", "\u00d8")
     },
     "a row of sums": Case("no press", table("position_mm,rate", "-0.6,6", "0.1,24", "0.4,12", "1,1", "0.9,43"),
