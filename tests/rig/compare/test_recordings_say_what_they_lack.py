@@ -1604,6 +1604,29 @@ XM = 'xmlns:xm="http://schemas.microsoft.com/office/excel/2006/main"'
 RED_ON_PINK = '<font><color rgb="FF9C0006"/></font><fill><patternFill><bgColor rgb="FFFFC7CE"/></patternFill></fill>'
 WHITE_TEXT = '<font><color rgb="FFFFFFFF"/></font>'
 
+
+def commented(target: str, comment: str) -> Callable[[Path], str]:
+    """A workbook with a comment on the second rate."""
+
+    def write(folder: Path) -> str:
+        path = styled()(folder)
+        place = "xl/comments1.xml" if target.startswith("..") else target.lstrip("/")
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr(
+                "xl/worksheets/_rels/sheet1.xml.rels",
+                f'{_XML}<Relationships><Relationship Id="c" Type="{_RELATIONS}/comments" Target="{target}"/>'
+                "</Relationships>",
+            )
+            archive.writestr(
+                place,
+                f'{_XML}<comments {_MAIN}><commentList><comment ref="B3" authorId="0"><text><r><t>{comment}</t></r>'
+                "</text></comment></commentList></comments>",
+            )
+        return path
+
+    return write
+
+
 SHOWN = {
     "plain": Case("numbers", styled(), rates=ALL),
     "thousands separators": Case("the same numbers", styled("#,##0.0"), rates=ALL),
@@ -1765,6 +1788,18 @@ SHOWN = {
     "formulas with values": Case("computed", styled(value="<f>A2</f><v>{y}</v>"), rates=ALL),
     "numbers beside such formulas": Case("no formula", styled(calculation=COMPUTE), rates=ALL),
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
+    **{
+        f"cell comments, as {by} writes them": Case(
+            "they may reject a press, and are said", commented(target, "exclude: electrode moved"), rates=ALL,
+            read_as="Cell comments are not read: B3: exclude: electrode moved.",
+        )
+        for by, target in (("Excel", "../comments1.xml"), ("openpyxl", "/xl/comments/comment1.xml"))
+    },
+    "comments that are damaged": Case(
+        "they are there", commented("../comments1.xml", "<"), rates=ALL,
+        read_as="Cell comments are there, and cannot be read.",
+    ),
+    "no cell comments": Case("nothing is said", styled(), rates=ALL, silent="comments"),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
     "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="not_understood",
