@@ -232,7 +232,7 @@ def _are_inside(spans_s: Array, times_s: Array) -> NDArray[np.bool_]:
 
 _MORE_THAN_PULSES = (
     "The file states that the unit was observed at times whose sync pulses are not in it, before its first or after "
-    "its last event: these times count as not observed."
+    "its last event: a press at these times counts as not observed."
 )
 
 

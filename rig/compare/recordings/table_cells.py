@@ -44,6 +44,8 @@ _MOST_CELLS = 2_000_000
 _MOST_LISTED, _MOST_SHOWN = 20, 40
 _SEPARATORS = (",", ";", "\t")
 _COMMENT = ("#", "%", "//")
+_COMMENT_ROW = (*_COMMENT, ";", "!", "--")
+"""Signs before a row below the header that is commented out; alone, the last ones may mean that there is no value."""
 _SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _WORKBOOK = ".xlsx"
 
@@ -93,8 +95,8 @@ def table_lines(path: Path) -> Lines:
     header = [" ".join(same_name(cell).split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
-        if cells and cells[0].startswith(_COMMENT):
-            sign = next(sign for sign in _COMMENT if cells[0].startswith(sign))
+        sign = next((sign for sign in _COMMENT_ROW if cells and cells[0].startswith(sign)), "")
+        if sign and (cells[0] != sign or sign in _COMMENT):
             raise RecordingError(
                 f"{path}, row {number}: begins with {cells[0][:_MOST_SHOWN]!r}, as a comment does; delete the row or "
                 f"the sign {sign}",

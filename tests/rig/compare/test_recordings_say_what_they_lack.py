@@ -1049,7 +1049,8 @@ IDENTITIES = {
         "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
     ),
     "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
-    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
+    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL,
+                                read_as="in s, unit 0, row 1 of 4."),
     "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
     "a text that two units share": Case(
         "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
@@ -1998,7 +1999,7 @@ def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -
     assert any(word in str(caught.value) for word in ("furlong", "slug"))
 
 
-@pytest.mark.parametrize("sign", ["#", "%", "//"])
+@pytest.mark.parametrize("sign", ["#", "%", "//", ";", "!", "--"])
 @pytest.mark.parametrize("name", [*TABLES, "rates", "spikes of units"])
 def test_a_row_that_is_commented_out_is_in_no_table(name: str, sign: str, tmp_path: Path) -> None:
     """It does not count, and as a label that begins with the sign it would; above the header it is a comment."""
@@ -2007,7 +2008,8 @@ def test_a_row_that_is_commented_out_is_in_no_table(name: str, sign: str, tmp_pa
         "spikes of units": (lambda path: read_spike_times(path, journal(tmp_path), "a"), "unit|time_s", "a|10"),
     }
     read, header, row = TABLES[name][:3] if name in TABLES else others[name]
-    path = Path(table(f"{sign} one", header.format(um="um", mN="mN"), row, f"{sign}{row}")(tmp_path))
+    above = sign if sign in ("#", "%", "//") else "#"
+    path = Path(table(f"{above} one", header.format(um="um", mN="mN"), row, f"{sign}{row}")(tmp_path))
     with raises(RecordingError, "comment_row", path=str(path)) as caught:
         read(path)
     assert "row 4" in str(caught.value)
