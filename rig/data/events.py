@@ -271,6 +271,15 @@ class RestEvent(Event):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class CountSourceEvent(Event):
+    """The source of the counts that choose presses was opened."""
+
+    source: Annotated[str, "what the script named: a file, a stream, a virtual nerve, or a function"]
+    presses: Annotated[int, "number of presses that may be chosen"]
+    truth: Annotated[str, "parameters of a virtual nerve with its candidate, as JSON; empty if recorded"] | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ChoiceEvent(Event):
     """The next press was chosen from the counts so far, or the presses ended."""
 

@@ -301,7 +301,6 @@ _TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
     "parameters": dict,
     "virtual": bool,
     "subject": (str, type(None)),
-    "choose": (dict, type(None)),
     "devices": dict,
     "versions": dict,
     "model": (dict, type(None)),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from rig.plan.config import Config, config_from
 from rig.protocol.api import Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.script import Script, script_with
 from rig.protocol.steps import Step
 from rig_shared.errors import code_of
@@ -91,7 +91,7 @@ def _first(here: list[str], there: list[str]) -> StepDifference | None:
 
 def in_words(step: Step[Any, Any]) -> str:
     """Return a step as the call of its verb."""
-    values = {field.name: getattr(step, field.name) for field in fields(step)}
+    values = {field.name: getattr(step, field.name) for field in fields(step) if field.repr}
     return f"{step.verb}({', '.join(f'{name}={value!r}' for name, value in values.items() if value is not None)})"
 
 
@@ -115,7 +115,7 @@ class _Replay:
         self._answers = answers
         self.steps: list[str] = []
 
-    def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
+    def handle(self, step: Step[Any, Any], place: PressPlace) -> Any:
         self.steps.append(in_words(step))
         number = len(self.steps) - 1
         return self._answers[number] if number < len(self._answers) else None
@@ -131,7 +131,7 @@ def main() -> None:
             passes.append(replay.steps)
             try:
                 script = script_with(Path(path), name, parameters)
-                script.run(Rig(script.parameters, Walk(config, _AnyModel()), replay))
+                script.run(Rig(script.parameters, ScriptState(config, _AnyModel()), replay))
             except (Exception, SystemExit) as error:
                 replay.steps.append(f"an error ({code_of(error)}): {error}")
     print(json.dumps(passes))

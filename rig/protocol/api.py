@@ -7,7 +7,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 from pydantic import BaseModel, ConfigDict, field_validator
 
 from rig.protocol import steps
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import Step
 from rig.protocol.turns import Turns
 from rig_shared.number_text import read_number
@@ -45,7 +45,7 @@ class ProtocolParameters(BaseModel):
 class Handler(Protocol):
     """Receiver of checked steps, which plans, executes or rehearses them, or answers from a journal."""
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Return the step's answer to the script."""
 
 
@@ -81,7 +81,7 @@ class Rig:
     ----------
     parameters : ProtocolParameters
         The script's own `Parameters`.
-    walk : Walk
+    state : ScriptState
         State of the script while it is checked.
     handler : Handler
         What receives the checked steps.
@@ -99,8 +99,8 @@ class Rig:
     ...     rig.indent(force_gwt=rig.parameters.force_gwt, hold_s=1.0)
     """
 
-    def __init__(self, parameters: ProtocolParameters, walk: Walk, handler: Handler) -> None:
-        self._parameters, self._walk, self._handler = parameters, walk, handler
+    def __init__(self, parameters: ProtocolParameters, state: ScriptState, handler: Handler) -> None:
+        self._parameters, self._state, self._handler = parameters, state, handler
         self._turns = Turns()
 
     @property
@@ -118,7 +118,7 @@ class Rig:
         marks : mapping of str to object
             Values of `block`, `repeat` and `condition`; those that are left out are cleared.
         """
-        self._walk.marks = {name: value for name, value in marks.items() if value is not None}
+        self._state.marks = {name: value for name, value in marks.items() if value is not None}
 
     def do(self, step: Step[E, A]) -> A:
         """Carry out a step, or plan it, and return its answer; the verbs below do so with theirs.
@@ -139,7 +139,7 @@ class Rig:
             If the step is not allowed here, or beyond a limit.
         """
         with self._turns.verb(step.verb):
-            return self._handler.handle(step, step.check(self._walk))
+            return self._handler.handle(step, step.check(self._state))
 
     mount = _method(steps.Mount)
     home = _method(steps.Home)

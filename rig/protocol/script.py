@@ -36,7 +36,6 @@ class Script:
     source: str
     parameters: ProtocolParameters
     run: Callable[[Rig], None]
-    design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
     beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
     given: Mapping[str, Any] = field(default_factory=dict)  # values of parameters before they were validated
     texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None if run is not theirs
@@ -104,11 +103,9 @@ def script_with(
         raise BadInputError(f"{found} (parameters of {path.name}: {known})", found.code) from None
     metadata = _metadata(path, getattr(module, "METADATA", {}))
     title, source = str(metadata.get("title", name)), str(metadata.get("source", ""))
-    design = getattr(module, "DESIGN", None)
-    blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
     imported = {Path(file).name: text for file, text in texts.items() if file != str(path)}
     beside = imported | _files(path, metadata.get("files", ()))
-    return Script(path, name, title, source, checked, run, blocks, beside, parameters, texts, random_state)
+    return Script(path, name, title, source, checked, run, beside, parameters, texts, random_state)
 
 
 def _random_state() -> Any:

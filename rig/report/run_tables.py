@@ -244,7 +244,7 @@ def message(run: Run, found: Sequence[DeliveredPress]) -> str:
     at = f"at x = {signed(places.pop())} mm" if len(places) == 1 else f"at {number_of(len(places), 'positions')}"
     targets = " and ".join(_targets(found, key) for key in UNITS if any(one.key == key for one in found))
     planned = int(run.start["planned_indentations"])
-    all_of_them = planned <= len(found) or (run.complete and "choose" in run.start)  # a verdict may end the presses
+    all_of_them = planned <= len(found) or (run.complete and run.stream("choice"))  # a verdict may end the presses
     done = number_of(len(found), "presses") if all_of_them else f"{len(found)} of {planned} presses"
     return f"{done} of {shapes} to {targets} {at}{where}: {_delivered_in_words(found)}"
 

@@ -27,7 +27,7 @@ class CountSource(Protocol):
     """Source of the spikes counted in the holds of a run.
 
     A real run asks it in a process of its own, so that a source which blocks or crashes delays no stop. A source of
-    your own is a class with these methods, and a function that opens it: `--choose my_module:my_function`.
+    your own is a class with these methods, and a function that opens it: `counts=my_module:my_function`.
     """
 
     def made(self, press: MadePress) -> None:
