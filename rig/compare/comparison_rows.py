@@ -298,7 +298,7 @@ class PhaseJson(Output):
 
 
 class RunWarningJson(Output):
-    """A run that is incomplete, whose journal is damaged, or a file of which has changed since it began."""
+    """A run that is incomplete or not as planned, whose journal is damaged, or whose files have changed."""
 
     run: Name
     warning_text: str

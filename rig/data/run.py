@@ -228,8 +228,10 @@ class Run:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on a damaged journal, and on other files that are not those of the run."""
-        return [*([] if self.warning is None else [self.warning]), *self.folder.warnings]
+        """Sentences on a damaged journal, files that are not those of the run, and presses that were not planned."""
+        from rig.data.planned_presses import pressed_otherwise  # A list of runs does without this module.
+
+        return [*filter(None, (self.warning, *self.folder.warnings, pressed_otherwise(self)))]
 
     @property
     def incomplete(self) -> str | None:
