@@ -88,7 +88,8 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
 
     The first line names the columns, in any order. Others are named in a warning, and refused if they may say which
     rows do not count. Cells are separated by commas, semicolons or tabs; numbers may have a decimal comma. Empty
-    lines and lines that begin with # are skipped. Raises TableError.
+    lines and lines that begin with # are skipped; a row below the header that is commented out is refused. Raises
+    TableError.
     """
     line, names = header_of(path)
     refuse_rejecting(path, line, names, columns)
@@ -133,11 +134,21 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         lines = list(lines_of(path, most=MOST_TABLE_BYTES))
         header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
         reader = csv.reader(lines, delimiter=next((one for one in ";\t" if one in header), ","))
-        return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
+        found = [(reader.line_num, row) for row in reader if any(row)]
     except OSError as error:
         raise TableError(f"{path}: {error.strerror or str(error)}", "unreadable") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise TableError(f"{path}: not a CSV file in UTF-8: {error}", "not_csv") from None
+    rows = [(n, row) for n, row in found if not row[0].startswith("#")]
+    (first, names), *_ = rows or [(0, [])]
+    out = next((n for n, row in found if n > first and row[0].startswith("#") and 1 < len(row) == len(names)), 0)
+    if out:
+        raise TableError(
+            f"{path}, line {out}: is commented out with #; delete the line or the sign #, since a row that does not "
+            "count is in no table",
+            "comment_row",
+        )
+    return rows
 
 
 REJECTING = re.compile(r"artifact|artefact|reject|bad|exclude|invalid|noise|valid|keep|good", re.IGNORECASE)

@@ -4,19 +4,18 @@ from pathlib import Path
 
 from rig.cli.output import complain
 from rig.data.run import Run, read_run
-from rig.data.tables import alive, foreign_in_one_line, summary_of
-from rig_shared.plural import number_of
+from rig.data.tables import foreign_in_one_line, summary_of
 
 
 def recorded_run(path: Path, *, prints_state: bool = False) -> Run:
     """Read a run, name its damage, and say if it is incomplete and the command does not. Raises RunError."""
     with foreign_in_one_line(path):
         run = read_run(path)
-        about = alive(summary_of(run), path.parent)
+        summary_of(run)
+        incomplete = None if prints_state else run.incomplete
     warn_of_damage(run)
-    if about.state != "done" and not prints_state:
-        planned = number_of(about.planned, "indentations")
-        complain(f"run folder {path}: the run is incomplete ({about.state}): {about.done} of {planned} done")
+    if incomplete is not None:
+        complain(incomplete)
     return run
 
 

@@ -28,6 +28,7 @@ from rig.data.deviation import deviations, warning_of
 from rig.data.ending import EndingJson
 from rig.data.folder import may_write_below
 from rig.data.journal import Watch
+from rig.data.planned_presses import pressed_otherwise
 from rig.data.run_state import Course, TimeLeft
 from rig.data.tables import motions_in_contact
 from rig.devices.registry import stage_ports
@@ -102,6 +103,7 @@ class FinishedRunJson(Output):
     code: NotRequired[Code]
     ending: NotRequired[EndingJson]
     deviation_text: NotRequired[str]
+    otherwise_text: NotRequired[str]
     files_text: NotRequired[str]
 
 
@@ -455,6 +457,9 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
     report = str(done.folder.report) if done.folder.report.exists() else None
     chosen = None if run is None else choice_as_json(run)
     deviating = None if run is None else warning_of(deviations(run))
+    otherwise = None if run is None else pressed_otherwise(run)
+    if otherwise is not None:
+        complain(otherwise)
     if as_json:
         found: FinishedRunJson = {
             "run": str(done.folder.path),
@@ -472,6 +477,8 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
             found["code"], found["ending"] = code_of_end(done), ending.as_json()
         if deviating is not None:
             found["deviation_text"] = deviating
+        if otherwise is not None:
+            found["otherwise_text"] = otherwise
         if problem is not None:
             found["files_text"] = files_in_words(problem, done.folder)
         print_json(found)

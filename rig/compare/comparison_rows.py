@@ -298,7 +298,7 @@ class PhaseJson(Output):
 
 
 class RunWarningJson(Output):
-    """A run whose journal is damaged, or a file of which has changed since it began."""
+    """A run that is incomplete or not as planned, whose journal is damaged, or whose files have changed."""
 
     run: Name
     warning_text: str
@@ -328,8 +328,13 @@ class CompareJson(Output):
 
 
 def warnings_as_json(runs: Sequence[Run]) -> list[RunWarningJson]:
-    """Return the warnings of damaged and changed runs for `--json`."""
-    return [{"run": run.folder.path.name, "warning_text": one} for run in runs for one in run.warnings]
+    """Return the warnings of damaged, changed and incomplete runs for `--json`."""
+    return [
+        {"run": run.folder.path.name, "warning_text": one}
+        for run in runs
+        for one in (*run.warnings, run.incomplete)
+        if one is not None
+    ]
 
 
 def as_json(

@@ -228,8 +228,20 @@ class Run:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on a damaged journal, and on other files that are not those of the run."""
-        return [*([] if self.warning is None else [self.warning]), *self.folder.warnings]
+        """Sentences on a damaged journal, files that are not those of the run, and presses that were not planned."""
+        from rig.data.planned_presses import pressed_otherwise  # A list of runs does without this module.
+
+        return [*filter(None, (self.warning, *self.folder.warnings, pressed_otherwise(self)))]
+
+    @property
+    def incomplete(self) -> str | None:
+        """Sentence on a run that did not end normally with every planned indentation done; None if it did."""
+        status = RunStatus.of_journal(self.stop, self.missing)
+        if status is RunStatus.DONE:
+            return None
+        status = RunStatus.RUNNING if status is RunStatus.KILLED and self.folder.busy else status
+        planned = number_of(int(self.start["planned_indentations"]), "indentations")
+        return f"run folder {self.folder.path}: the run is incomplete ({status}): {len(self.done)} of {planned} done"
 
     @cached_property
     def state(self) -> "RunState":

@@ -10,6 +10,7 @@ import pytest
 
 from rig.data import read_run
 from rig.data.journal import read_journal
+from rig.data.planned_presses import pressed_otherwise
 from rig.devices.base import StageError
 from rig.engine import RunAborted, ScriptError, TripError
 from rig.engine.motion import Check, Motion
@@ -74,6 +75,39 @@ def test_a_swallowed_trip_does_not_end_well(tmp_path: Path, finger: Fingertip) -
     assert run.stop is not None
     assert run.stop["status"] == "tripped"
     assert not done.complete
+
+
+OTHERWISE = {
+    "as planned": ("rig.indent(doi_mm=0.2)", None),
+    "another depth": ("rig.indent(doi_mm=0.3)", "1 of 1 press is not as planned, first at index 0: value = 0.3, "),
+    "another force": ("rig.indent(force_gwt=2.0)", "target = force_gwt, planned doi_mm, value = 2, planned 0.2"),
+    "another place": ("rig.move_to(x_mm=0.5); rig.indent(doi_mm=0.2)", "x_mm = 0.5, planned 0;"),
+    "another speed": ("rig.indent(doi_mm=0.2, speed_mm_s=0.1)", "speed_mm_s = 0.1, planned"),
+    "another verb": ("rig.ramp(doi_mm=0.2, speed_mm_s=1.0)", "verb = ramp, planned indent"),
+    "another indentor": (
+        "rig.retract(); rig.mount('step:1'); rig.zero(); rig.move_to(x_mm=0.0); rig.indent(doi_mm=0.2)",
+        "indentor = step:1, planned bar:3.0",
+    ),
+    "one press more": (
+        "rig.indent(doi_mm=0.2); rig.indent(doi_mm=0.2)",
+        "1 of 2 presses is not as planned, first at index 1: a press that was not planned",
+    ),
+}  # fmt: skip
+"""What a script that planned one press to 0.2 mm does, and the words of the warning."""
+
+
+@pytest.mark.parametrize("how", OTHERWISE)
+def test_a_run_that_pressed_otherwise_than_planned_says_so(tmp_path: Path, finger: Fingertip, how: str) -> None:
+    """As a script that draws without a seed: its answer, its page and every reader of the run have the warning."""
+    live, words = OTHERWISE[how]
+    run = carried_out(tmp_path, finger, live).run
+    assert len(run.stream("indentation_start")) == 1 + (how == "one press more")
+    if words is None:
+        assert pressed_otherwise(run) is None
+        return
+    (warning,) = (one for one in run.warnings if "not as planned" in one)
+    assert words in warning
+    assert "seed what is random" in warning
 
 
 def lines(*these: str) -> str:

@@ -78,6 +78,7 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
         ("#\na,b\n1,2\n1,5,2,5\n", "row_length", {"line": 4, "cells": 4, "expected": 2, "header_line": 2}),
         ("a,b\n1,2\n\nnan,2\n", "not_a_number", {"line": 4, "column": "a", "cell": "nan"}),
         ("#\na,b\n\n", "no_rows", {"line": 2}),
+        ("# a,b\na,b\n1,2\n# more\n#3,4\n", "comment_row", {"line": 5}),
         ("a,b,exclude\n1,2,0\n3,4,1\n", "extra_column", {"line": 1, "column": "exclude"}),
         ("#\nvalid point;b;a\n1;2;0\n", "extra_column", {"line": 2, "column": "valid point"}),
     ],

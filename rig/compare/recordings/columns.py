@@ -29,7 +29,13 @@ from rig.compare.recordings.column_units import (
     same_name,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, refuse_not_understood, table_lines
+from rig.compare.recordings.table_cells import (
+    SameInAllRows,
+    cell_comments,
+    has_semicolons,
+    refuse_not_understood,
+    table_lines,
+)
 from rig_shared.number_text import read_number
 
 
@@ -317,14 +323,11 @@ def columns_read(rows: Sequence[Row], window_s: float | None = None) -> str:
     ]
     parts += [] if window_s is None else [f"{window_s:g} s as window"]
     unread = [name for name in rows[0].unread if name]
-    text = f"Columns read: {', '.join(parts)}."
-    if not unread:
-        return text
-    text += f" Not read: {', '.join(unread[:_MOST_LISTED])}."
+    said = [f"Columns read: {', '.join(parts)}."]
+    said += [f"Not read: {', '.join(unread[:_MOST_LISTED])}."] if unread else []
     mixed = [name for name in unread if _may_be_a_condition(rows, name)]
-    if mixed:
-        text += f" {mixed[0]} differs between presses at one position, which count as repeats."
-    return text
+    said += [f"{mixed[0]} differs between presses at one position, which count as repeats."] if mixed else []
+    return " ".join([*said, *filter(None, [cell_comments(rows[0].path)])])
 
 
 _WORDS = {own: role for role, own in _ROLES.items()}

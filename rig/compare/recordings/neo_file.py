@@ -71,7 +71,7 @@ class _Channels:
     trains: Mapping[str, Array] = field(default_factory=dict)
     events: Mapping[str, Array] = field(default_factory=dict)
     spans: Mapping[str, Array] = field(default_factory=dict)
-    """First and last time (1, 2) at which the unit of a spike train was observed, for those that state it."""
+    """First and last time (1, 2) at which the unit of a spike train was observed, infinite if it is not known."""
     lines: Mapping[str, Callable[[], tuple[Array, Array]]] = field(default_factory=dict)
     """Rises and falls of sampled channels, by their names."""
     epochs: tuple[str, ...] = ()
@@ -133,7 +133,7 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
         finite_times(path, name, spikes),
         np.sort(finite_times(path, channel, pulses)),
         segment.spans.get(name, THROUGHOUT),
-        notes=segment.unused(channel),
+        notes=(*segment.unused(channel), *_end_not_believed(name, segment)),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
         end_s=ends,
         line=channel in segment.lines,
@@ -192,9 +192,8 @@ def _channels(segment: Any) -> _Channels:
     loaded_trains = [_loaded(train) for train in segment.spiketrains]
     trains = _named([(train, _in_seconds(train)) for train in loaded_trains])
     spans = {
-        name: span
+        name: _span(train, times)
         for name, (train, times) in _with_names([(train, _in_seconds(train)) for train in loaded_trains])
-        if (span := _span(train, times)) is not None
     }
     events: dict[str, Array] = {}
     epochs = list[str]()
@@ -210,10 +209,26 @@ def _channels(segment: Any) -> _Channels:
     return _Channels(trains, events, spans, _lines(segment), tuple(epochs))
 
 
-def _span(train: Any, times: Array) -> Array | None:
-    """Return the first and last time of a train, None if the last spike was taken for its end."""
+def _span(train: Any, times: Array) -> Array:
+    """Return the first and last time of a train.
+
+    An end at the last spike is not believed, nor a beginning at 0 or at the first spike beside it: exports write them
+    if they do not know when the recording began and ended.
+    """
     first, last = (float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop))
-    return np.array([[first, last]]) if last > times.max(initial=first) else None
+    if last > times.max(initial=first):
+        return np.array([[first, last]])
+    return np.array([[first if 0 < first < times.min(initial=np.inf) else -np.inf, np.inf]])
+
+
+def _end_not_believed(name: str, segment: _Channels) -> list[str]:
+    """Return a sentence on the stated end of a spike train that is that of its last spike; none for another."""
+    if name not in segment.spans or np.isfinite(segment.spans[name][0, 1]) or not len(segment.trains[name]):
+        return []
+    last_s = float(segment.trains[name].max())
+    return [f"The file states that {name} ends at its last spike ({last_s:.1f} s), as exports do that do not know "
+            "when the recording ended. This is not taken for its end: presses before later events of the file count "
+            "as observed."]  # fmt: skip
 
 
 def _lines(segment: Any) -> dict[str, Callable[[], tuple[Array, Array]]]:

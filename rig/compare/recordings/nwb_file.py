@@ -69,7 +69,8 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         of_run = uid != "" and text_at(file, path, "identifier").endswith(uid)
         pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
         pulse_s, end_s = (columns["sync"].factor * np.sort(one) for one in (pulses.begin, pulses.end))
-        read_as = f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}."
+        which = f"unit {units.ids[row]}, row {row + 1} of {len(units.ids)}"
+        read_as = f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}, {which}."
         return UnitSpikes(
             spikes,
             pulse_s,

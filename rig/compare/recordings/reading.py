@@ -73,6 +73,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     placed = list(_placed(rows))
     found = _counts(path, placed, columns) if counted else _rates(path, placed)
     _refuse_totals(placed, "count" if counted else "rate")
+    _refuse_a_repeat_of_totals(placed, "count" if counted else "rate")
     changes = tuple(
         dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
     )
@@ -216,6 +217,35 @@ def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
             )
 
 
+def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> None:
+    """Refuse a repeat that has the mean, or the sum, of the other repeats at every position at which these differ."""
+    at: dict[float, dict[str, tuple[Row, float]]] = {}
+    for row, place in rows:
+        at.setdefault(place, {})[row.cells.get(role_name("repeat"), "")] = row, row.number(name)
+    every = [some for some in at.values() if len(some) > _FEWEST_OTHERS]
+    for label in every[0] if every else ():
+        each = [(*some[label], [value for other, (_, value) in some.items() if other != label])
+                for some in every if label in some]  # fmt: skip
+        differ = [(row, mine, others) for row, mine, others in each if min(others) < max(others)]
+        for word, of in (("mean", np.mean), ("sum", np.sum)):
+            near = (abs(of(others) - mine) <= max(_ROUNDED * max(others), _half_a_digit(row, name))
+                    for row, mine, others in differ)  # fmt: skip
+            if len(differ) >= _FEWEST_TOTALS and all(near):
+                raise every[0][label][0].wrong(
+                    role_name("repeat"),
+                    "totals",
+                    f"a press, but it has the {word} of the other repeats at each of {len(differ)} positions; delete "
+                    "its rows",
+                )
+
+
+def _half_a_digit(row: Row, name: str) -> float:
+    """Return by how much a number with decimals may be rounded, in the program's unit; 0 for a whole number."""
+    decimals = len(row.cells[name].partition(".")[2])
+    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals else 0.0
+
+
+_FEWEST_OTHERS, _FEWEST_TOTALS = 2, 4  # three presses of few spikes may be one another's mean by chance
 _ROUNDED = 1e-3  # of a mean in a table
 _NEAR_MM = 0.01  # closer positions may be one, read from a stage
 

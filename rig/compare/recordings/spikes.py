@@ -1,5 +1,6 @@
 """Discharge rates from spike times and a run, and synthetic recordings, which are not data."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -201,8 +202,19 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
         beyond = [False, False]
     events_s = float(every_s.min()) if beyond[0] else -np.inf, float(every_s.max()) if beyond[1] else np.inf
     stated = any(one and not left for one, left in zip(beyond, is_open, strict=True)) * (_MORE_THAN_PULSES,)
-    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated)
+    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated, *_unknown_clock(fit.known_s))
+    if np.isfinite(fit.known_s).any():
+        observed_s = both(observed_s, np.array([fit.known_s]))
     return SpikeTimes(spike_s, observed_s, events_s, fit.clock, every, found.read_as)
+
+
+def _unknown_clock(known_s: tuple[float, float]) -> list[str]:
+    """Return a sentence on the times at which the pulses do not tell the clock; none if they do throughout."""
+    beyond = [f"{word} {at_s:.1f} s" for word, at_s in zip(("before", "after"), known_s, strict=True)
+              if np.isfinite(at_s)]  # fmt: skip
+    where = " and ".join(beyond).capitalize()
+    return [f"{where} of the run, its pulses and those of the file do not fit one another, as if "
+            "the recorder had lost data: presses there count as not observed."] if beyond else []  # fmt: skip
 
 
 def _not_observed(spike_s: Array, observed_s: Array) -> list[str]:
@@ -220,7 +232,7 @@ def _are_inside(spans_s: Array, times_s: Array) -> NDArray[np.bool_]:
 
 _MORE_THAN_PULSES = (
     "The file states that the unit was observed at times whose sync pulses are not in it, before its first or after "
-    "its last event: these times count as not observed."
+    "its last event: a press at these times counts as not observed."
 )
 
 
@@ -297,6 +309,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     fired: dict[str | float, str] = {}
     limited: dict[str | float, Row] = {}
     every_s = list[float]()
+    counted = list[Row]()
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
         if said not in _KINDS:
@@ -316,6 +329,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
             of_file[said].append(seconds)
         elif not unit or label_key(unit) == label_key(name):
             of_unit[said].append(seconds)
+            counted += [row] if said == "spike" else []
     named = [name or "(empty)" for name in fired.values()][:_MOST_LISTED]
     for key, row in limited.items():
         if fired and key not in fired and label_key(unit) not in limited:  # it may be meant for the unit that is read
@@ -332,11 +346,33 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
             f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
             "no_unit" if unit else "several_units",
         )
+    _refuse_several_channels(path, counted, unit)
     observed = both(*(_between(path, np.sort(one["start"]), np.sort(one["stop"])) for one in (of_file, of_unit)))
     pulses = np.array([] if stated else sorted(of_file["sync"]), dtype=float)
     spikes = np.array(of_unit["spike"], dtype=float)
     extent_s = extent(np.array(every_s))
     return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows), file_s=extent_s)
+
+
+_CHANNEL = re.compile(
+    r"\b(ch(an(nels?)?)?|electrodes?|contacts?|tetrodes?|probes?|shanks?|sites?|arrays?|units?|clusters?|neurons?|cells?"
+    r"|afferents?)(\b|(?=[_\d]))",
+    re.IGNORECASE,
+)
+
+
+def _refuse_several_channels(path: Path, spikes: Sequence[Row], unit: str) -> None:
+    """Refuse spikes that an unread column says are of several channels: each has units of its own."""
+    for name in spikes[0].unread if spikes else ():
+        values = sorted({row.unread[name] for row in spikes}, key=natural_order)
+        if 1 < len(values) <= max(2, len(spikes) // 2) and _CHANNEL.search(name.replace("_", " ")):
+            which, found = f"the spikes of unit {unit}" if unit else "the spikes", ", ".join(values[:_MOST_LISTED])
+            raise RecordingError(
+                f"{path}, column {name}: {which} have several values ({found}), and a unit of one channel is not "
+                f"that of another; join both columns to one of names, such as {values[0]}-"
+                f"{unit or 1}, and state it as --columns unit=COLUMN, or keep the rows of one in a file of their own",
+                "several_channels",
+            )
 
 
 def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:

@@ -106,18 +106,36 @@ class _Match(NamedTuple):
         """Return the rises before the first and after the last that has a pulse."""
         return rise_s[: self.rises[0]], rise_s[self.rises[-1] + 1 :]
 
+    def known_s(self, pulse_s: Array, rise_s: Array) -> tuple[float, float]:
+        """Return the times of the run between which the line is its clock.
+
+        Beyond the first or last pair, rises and pulses that do not fit one another are those of another clock, such
+        as that of a recorder that has lost data.
+        """
+        before, after = self.unseen_s(rise_s)
+        begins = len(before) > 0 and self.pulses[0] > 0
+        ends = len(after) > 0 and self.pulses[-1] < len(pulse_s) - 1
+        first_s, last_s = rise_s[[self.rises[0], self.rises[-1]]].tolist()
+        return first_s if begins else -math.inf, last_s if ends else math.inf
+
+    def clock_fit(self, pulse_s: Array, rise_s: Array, clock: SpikeClock) -> "ClockFit":
+        """Return the clock of the file."""
+        known_s = self.known_s(pulse_s, rise_s)
+        return ClockFit(self.slope, self.offset_s, self.unseen_s(rise_s), clock, known_s)
+
 
 class ClockFit(NamedTuple):
     """The run's time as a line over the file's time.
 
     `unseen_s` are the times of the run's pulses before the first and after the last that is in the file, infinite if
-    the file has no pulses.
+    the file has no pulses. `known_s` are the times of the run between which the line holds.
     """
 
     slope: float
     offset_s: float
     unseen_s: tuple[Array, Array]
     clock: SpikeClock
+    known_s: tuple[float, float] = (-math.inf, math.inf)
 
     def run_s(self, file_s: Array) -> Array:
         """Return times of the file in s since the start of the run."""
@@ -155,7 +173,7 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
         if (found := _matched(path, first_s, rise_s)) is not None and abs(found.slope - 1) <= MOST_DRIFT:
             about = _described(found, first_s, rise_s)
             about = about._replace(text=f"{about.text} Both edges of the pulses are in the file; the first counts.")
-            return ClockFit(found.slope, found.offset_s, found.unseen_s(rise_s), about)
+            return found.clock_fit(first_s, rise_s, about)
     found = _matched(path, pulse_s, rise_s)
     if found is None:
         raise _not_the_runs(path, pulse_s, rise_s)
@@ -164,7 +182,7 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
     about = _described(found, pulse_s, rise_s)
     lasts = "" if math.isnan(width_s) else f", which last {width_s:g} s"
     about = about._replace(text=f"{about.text} The pulses are taken as the beginnings of those of the run{lasts}.")
-    return ClockFit(found.slope, found.offset_s, found.unseen_s(rise_s), about)
+    return found.clock_fit(pulse_s, rise_s, about)
 
 
 def _matched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:

@@ -6,6 +6,7 @@ anything is unpacked.
 
 import csv
 import io
+import posixpath
 import re
 import struct
 import zipfile
@@ -43,6 +44,8 @@ _MOST_CELLS = 2_000_000
 _MOST_LISTED, _MOST_SHOWN = 20, 40
 _SEPARATORS = (",", ";", "\t")
 _COMMENT = ("#", "%", "//")
+_COMMENT_ROW = (*_COMMENT, ";", "!", "--")
+"""Signs before a row below the header that is commented out; alone, the last ones may mean that there is no value."""
 _SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _WORKBOOK = ".xlsx"
 
@@ -92,8 +95,8 @@ def table_lines(path: Path) -> Lines:
     header = [" ".join(same_name(cell).split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
-        if cells and cells[0].startswith(_COMMENT):
-            sign = next(sign for sign in _COMMENT if cells[0].startswith(sign))
+        sign = next((sign for sign in _COMMENT_ROW if cells and cells[0].startswith(sign)), "")
+        if sign and (cells[0] != sign or sign in _COMMENT):
             raise RecordingError(
                 f"{path}, row {number}: begins with {cells[0][:_MOST_SHOWN]!r}, as a comment does; delete the row or "
                 f"the sign {sign}",
@@ -230,6 +233,42 @@ def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list
         kind = "a damaged or encrypted workbook" if b"xl/workbook.xml" in content else kind_of(content)
         reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
         raise _no_table(path, f"{kind} ({reason})" if kind.startswith("a damaged") else kind) from None
+
+
+def cell_comments(path: Path) -> str:
+    """Return a sentence on the comments of a workbook's cells, which may reject them; "" for none."""
+    file, sheet = file_and_sheet(path)
+    content = read_bytes(file, MOST_TABLE_BYTES)
+    if not content.startswith(ZIP):
+        return ""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            sheets, *_ = _sheets(archive)
+            parts = [sheets[sheet]] if sheet else list(sheets.values())
+            found = [one for part in parts for one in _comments(archive, part)]
+    except _DAMAGE:
+        return "Cell comments are there, and cannot be read."
+    if not found:
+        return ""
+    more = f" and {len(found) - _MOST_COMMENTS} more" if len(found) > _MOST_COMMENTS else ""
+    return f"Cell comments are not read: {'; '.join(found[:_MOST_COMMENTS])}{more}."
+
+
+_MOST_COMMENTS = 5
+
+
+def _comments(archive: zipfile.ZipFile, part: str) -> Iterator[str]:
+    """Yield the cell and the text of each comment on a sheet."""
+    folder, _, name = part.rpartition("/")
+    relations = f"{folder}/_rels/{name}.rels"
+    for relation in _xml(archive, relations) if relations in archive.namelist() else ():
+        if relation.get("Type", "").endswith("/comments"):
+            target = relation.get("Target", "")
+            where = target.lstrip("/") if target.startswith("/") else posixpath.normpath(f"{folder}/{target}")
+            for comment in _xml(archive, where):
+                if comment.tag == f"{_MAIN}comment":
+                    text = " ".join("".join(one.text or "" for one in comment.iter(f"{_MAIN}t")).split())
+                    yield f"{comment.get('ref', '')}: {text[:_MOST_SHOWN]}"
 
 
 def _one_sheet(book: _Workbook, sheets: Mapping[str, str], sheet: str) -> list[tuple[int, list[str]]]:

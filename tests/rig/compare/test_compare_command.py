@@ -343,6 +343,25 @@ def afferents(stimulus: StimulusRow, tmp_path: Path) -> Path:
 
 
 @no_figures
+@pytest.mark.parametrize("recorded", ["bar:3.0={csv}", "{group}"])
+def test_an_incomplete_run_is_said_on_the_page_and_in_the_answer(
+    recorded: str, command: Command, run: Run, csv: Path, afferents: Path, tmp_path: Path
+) -> None:
+    """On the page of a comparison and of a group, as on the terminal."""
+    folder = Path(shutil.copytree(run.folder.path, tmp_path / "killed"))
+    lines = (folder / "events.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    last = max(n for n, line in enumerate(lines) if '"stream": "indentation_start"' in line)
+    (folder / "events.jsonl").write_text("".join(lines[:last]), encoding="utf-8")
+    recorded = recorded.format(csv=csv, group=afferents)
+    code, out, err = command("compare", folder, "--recorded", recorded, "--out", "w.html", "--json")
+    assert code == 0
+    (found,) = json.loads(out)["warnings"]
+    assert "the run is incomplete (killed): 5 of 6 indentations done" in found["warning_text"]
+    assert found["warning_text"] in err
+    assert found["warning_text"] in html.unescape(Path("w.html").read_text(encoding="utf-8"))
+
+
+@no_figures
 @pytest.mark.parametrize("recorded", ["", "bar:3.0={csv}", "{group}"])
 def test_a_changed_run_has_its_warnings_on_the_page_and_in_the_answer(
     recorded: str, command: Command, run: Run, csv: Path, afferents: Path, tmp_path: Path

@@ -236,6 +236,19 @@ def two_units(kind: str) -> Callable[[Path], str]:
 SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
 
 UNOBSERVED = {
+    "NIX, t_stop at the last spike": Case(
+        "the pulses show that the amplifier was on; the end that is not believed is said",
+        nix(stop=max(UNTIL_LOST), line_v=True), ("sync=ttl",), rates=[*ALL[:3], 0],
+        read_as="u ends at its last spike (60.1 s)",
+    ),
+    "NIX, t_stop at the last spike, t_start before the first": Case(
+        "the beginning is stated", nix(BEGAN_S, max(UNTIL_LOST), line_v=True), ("sync=ttl",), rates=[8, 24, 12, 0],
+        lost=1, read_as="u ends at its last spike (60.1 s)",
+    ),
+    "NIX, t_stop after the last spike": Case(
+        "it is believed", nix(stop=LOST_S, line_v=True), ("sync=ttl",), rates=ALL[:3], lost=2,
+        silent="ends at its last spike",
+    ),
     "NWB, obs_intervals end": Case(
         "presses at 70 and 80 s are after the unit was lost at 65 s",
         of_amplifier(UNTIL_LOST, **PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
@@ -727,7 +740,30 @@ def twice(*last: str, shift_mm: float = 0.0, header: str = "position_mm,rate,rep
     return table(header, *(f"{x + shift_mm * (n - 1)!r},{y},{n}" for x, y, n in TWICE), *last)
 
 
+def three_repeats(*labels: str, third: Sequence[str]) -> Callable[[Path], str]:
+    """Rates of two presses at each of four positions, and a third row."""
+    places = {-0.5: ("2.33", "4"), 0.0: ("10", "14"), 0.25: ("6", "7"), 1.0: ("0", "1")}
+    rows = [(x, one, label) for x, pair in places.items() for one, label in zip(pair, labels[:2], strict=True)]
+    rows += [(x, one, labels[2]) for x, one in zip(places, third, strict=True)]
+    return table("position_mm,rate,repeat", *(f"{x:g},{one},{label}" for x, one, label in rows))
+
+
 ROWS = {
+    **{
+        f"a repeat {label} that is {what}": Case(
+            "no press is what the others are together", three_repeats("1", "2", label, third=third),
+            code="totals",
+            says=(f"'{label}'", word, "each of 4 positions"),
+        )
+        for label, what, word, third in (
+            ("0", "the mean", "mean", ("3.165", "12", "6.5", "0.5")),
+            ("9", "the sum", "sum", ("6.33", "24", "13", "1")),
+            ("3", "the rounded mean", "mean", ("3.2", "12.0", "6.5", "0.5")),
+        )
+    },
+    "a repeat that is the mean at some positions": Case(
+        "by chance", three_repeats("1", "2", "3", third=("3.165", "12", "6.5", "0")), rates=[3.165, 12, 6.5, 1 / 3],
+    ),
     "positions that differ by a rounding error": Case("they are one position", twice(shift_mm=4e-16), rates=ALL),
     "positions that differ by 0.1 µm": Case("they are one position", twice(shift_mm=1e-4), rates=ALL),
     "positions that differ by 2 µm": Case("readings of a stage; four positions or eight?", twice(shift_mm=2e-3),
@@ -787,10 +823,10 @@ ROWS = {
         f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL,
         read_as="The repeats a, b are counted as presses: delete rows of sums and means."),
     **{
-        f"repeats with names, and {word!r}": Case("no list has all words for a mean, so the names are said", table(
+        f"repeats with names, and {word!r}": Case("no list has all words for a mean, so the numbers tell", table(
             "position_mm,rate,repeat", *(f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE),
-            *(f"{x},{y},{word}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))), rates=ALL,
-            read_as=f"The repeats a, b, {word} are counted as presses")
+            *(f"{x},{y},{word}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))), code="totals",
+            says=(repr(word), "mean"))
         for word in ("alle", "gemiddelde", "\u03a3", "\u00d8")
     },
     "a row of sums": Case("no press", table("position_mm,rate", "-0.6,6", "0.1,24", "0.4,12", "1,1", "0.9,43"),
@@ -808,7 +844,37 @@ ROWS = {
 MS_PULSES = {"intervals__sync_pulses__start_time": 1e3 * amplifier(RISES)}
 MS_SPIKES = {"units__spike_times": 1e3 * amplifier(TIMES)}
 
+
+def recorder_that_lost(press: int | None, *pulses: int) -> Callable[[Path], str]:
+    """Its clock is half a second late from one pulse and press on, or up to the first."""
+    spikes, rises = np.array(TIMES), np.array(RISES)
+    if press is not None:
+        rises[list(pulses)] -= 0.5
+        mine = (spikes > STARTS[press] - 1) & (spikes < STARTS[press] + 1)
+        spikes[mine] -= 0.5
+    return of_amplifier(spikes.tolist(), **pulses_at(amplifier(rises)))
+
+
 CLOCKED = {
+    **{
+        f"a recorder that lost half a second {when}": Case(
+            "the line of the other pulses is not its clock there", recorder_that_lost(of_presses, *pulses), **right
+        )
+        for when, of_presses, pulses, right in (
+            ("before the last pulse", 7, (7,), {
+                "rates": ALL[:3], "lost": 2, "read_as": "After 69.5 s of the run, its pulses and those of",
+            }),
+            ("after the first pulse", 0, (0,), {
+                "rates": [8, *ALL[1:]], "lost": 1, "read_as": "Before 19.3 s of the run, its pulses and those of",
+            }),
+            ("never", None, (), {"rates": ALL, "silent": "do not fit one another"}),
+        )
+    },
+    "a pulse too many at switch-on, and the last one missing": Case(
+        "each has an explanation of its own, at another end",
+        of_amplifier(**pulses_at(np.append(0.001, amplifier(RISES[:-1])))), rates=ALL,
+        silent="do not fit one another",
+    ),
     "NWB, spikes in ms and pulses in s": Case(
         "each input has its own unit", nwb(**MS_SPIKES, **PULSES), ("time=spike_times:ms",), rates=ALL,
     ),
@@ -942,7 +1008,38 @@ def xlsx(
 E_ACUTE = ["\u00e9", "e\u0301"]
 NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
 
+
+def spikes_with(columns: str, *values: str, unit: str = "") -> Callable[[Path], str]:
+    """A table of spikes with further columns, whose cells take these values in turn."""
+    rows = [f"{t},{values[n % len(values)]}" for n, t in enumerate(TIMES)]
+    return lambda folder: text("\n".join([f"time_s,{columns}", *rows]) + "\n")(folder) + f"#{unit}" * bool(unit)
+
+
 IDENTITIES = {
+    **{
+        f"a table with a column {name}": Case(
+            "unit 1 of one channel is not unit 1 of another", spikes_with(f"unit,{name}", "1,3", "1,5", unit="1"),
+            ("time=time_s,unit=unit",), code="several_channels",
+            says=(name, "(3, 5)", "3-1", "--columns unit=COLUMN"),
+        )
+        for name in ("Channel", "chan", "electrode", "Tetrode_ID", "shank 2", "probe", "ch1")
+    },
+    "a table with channels, and no unit": Case(
+        "each has a unit", spikes_with("electrode", "3", "5"), ("time=time_s",), code="several_channels",
+        says=("(3, 5)",),
+    ),
+    "a table with one channel": Case(
+        "one unit", spikes_with("unit,channel", "1,3", unit="1"), ("time=time_s,unit=unit",), rates=ALL, pulses=False,
+        read_as="Not read: channel.",
+    ),
+    "a table with channels of other units": Case(
+        "one unit", lambda folder: text(
+            "time_s,unit,channel\n" + "".join(f"{t},1,3\n{t},2,4\n" for t in TIMES))(folder) + "#1",
+        ("time=time_s,unit=unit",), rates=ALL, pulses=False,
+    ),
+    "a table with amplitudes": Case(
+        "no label", spikes_with("amplitude", "3", "5"), ("time=time_s",), rates=ALL, pulses=False,
+    ),
     "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
     "an id that occurs twice": Case(
         "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
@@ -952,7 +1049,8 @@ IDENTITIES = {
         "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
     ),
     "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
-    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
+    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL,
+                                read_as="in s, unit 0, row 1 of 4."),
     "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
     "a text that two units share": Case(
         "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
@@ -1507,6 +1605,29 @@ XM = 'xmlns:xm="http://schemas.microsoft.com/office/excel/2006/main"'
 RED_ON_PINK = '<font><color rgb="FF9C0006"/></font><fill><patternFill><bgColor rgb="FFFFC7CE"/></patternFill></fill>'
 WHITE_TEXT = '<font><color rgb="FFFFFFFF"/></font>'
 
+
+def commented(target: str, comment: str) -> Callable[[Path], str]:
+    """A workbook with a comment on the second rate."""
+
+    def write(folder: Path) -> str:
+        path = styled()(folder)
+        place = "xl/comments1.xml" if target.startswith("..") else target.lstrip("/")
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr(
+                "xl/worksheets/_rels/sheet1.xml.rels",
+                f'{_XML}<Relationships><Relationship Id="c" Type="{_RELATIONS}/comments" Target="{target}"/>'
+                "</Relationships>",
+            )
+            archive.writestr(
+                place,
+                f'{_XML}<comments {_MAIN}><commentList><comment ref="B3" authorId="0"><text><r><t>{comment}</t></r>'
+                "</text></comment></commentList></comments>",
+            )
+        return path
+
+    return write
+
+
 SHOWN = {
     "plain": Case("numbers", styled(), rates=ALL),
     "thousands separators": Case("the same numbers", styled("#,##0.0"), rates=ALL),
@@ -1668,6 +1789,18 @@ SHOWN = {
     "formulas with values": Case("computed", styled(value="<f>A2</f><v>{y}</v>"), rates=ALL),
     "numbers beside such formulas": Case("no formula", styled(calculation=COMPUTE), rates=ALL),
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
+    **{
+        f"cell comments, as {by} writes them": Case(
+            "they may reject a press, and are said", commented(target, "exclude: electrode moved"), rates=ALL,
+            read_as="Cell comments are not read: B3: exclude: electrode moved.",
+        )
+        for by, target in (("Excel", "../comments1.xml"), ("openpyxl", "/xl/comments/comment1.xml"))
+    },
+    "comments that are damaged": Case(
+        "they are there", commented("../comments1.xml", "<"), rates=ALL,
+        read_as="Cell comments are there, and cannot be read.",
+    ),
+    "no cell comments": Case("nothing is said", styled(), rates=ALL, silent="comments"),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
     "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="not_understood",
@@ -1866,7 +1999,7 @@ def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -
     assert any(word in str(caught.value) for word in ("furlong", "slug"))
 
 
-@pytest.mark.parametrize("sign", ["#", "%", "//"])
+@pytest.mark.parametrize("sign", ["#", "%", "//", ";", "!", "--"])
 @pytest.mark.parametrize("name", [*TABLES, "rates", "spikes of units"])
 def test_a_row_that_is_commented_out_is_in_no_table(name: str, sign: str, tmp_path: Path) -> None:
     """It does not count, and as a label that begins with the sign it would; above the header it is a comment."""
@@ -1875,7 +2008,8 @@ def test_a_row_that_is_commented_out_is_in_no_table(name: str, sign: str, tmp_pa
         "spikes of units": (lambda path: read_spike_times(path, journal(tmp_path), "a"), "unit|time_s", "a|10"),
     }
     read, header, row = TABLES[name][:3] if name in TABLES else others[name]
-    path = Path(table(f"{sign} one", header.format(um="um", mN="mN"), row, f"{sign}{row}")(tmp_path))
+    above = sign if sign in ("#", "%", "//") else "#"
+    path = Path(table(f"{above} one", header.format(um="um", mN="mN"), row, f"{sign}{row}")(tmp_path))
     with raises(RecordingError, "comment_row", path=str(path)) as caught:
         read(path)
     assert "row 4" in str(caught.value)
