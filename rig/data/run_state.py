@@ -41,6 +41,10 @@ class Milestones:
         return (stream, data["index"], data.get("hold", 0)) if stream.endswith(_OF_A_PRESS) else None
 
 
+UNTIL_CHOSEN = {"mount": "mount the chosen indentor", "move": "move to the chosen press", BEGUN: "chosen press"}
+"""Words of steps after a choice, which may differ from the rehearsed ones, by stream."""
+
+
 class Timeline:
     """Recorder of the time of each milestone, of the data of steps, and of the number of events."""
 
@@ -65,7 +69,12 @@ class Timeline:
     @property
     def words(self) -> dict[Milestone, str]:
         """Step in words, by the milestone that ends it, or that begins a press."""
-        return {name: step_in_words(name[0], data) for name, data in self._steps.items()}
+        words, chosen = {}, False
+        for name, data in self._steps.items():
+            stream, planned = name[0], step_in_words(name[0], data)
+            words[name] = UNTIL_CHOSEN.get(stream, planned) if chosen else planned
+            chosen = chosen or stream == "choice"
+        return words
 
     @property
     def marks(self) -> dict[Milestone, dict[str, Any]]:
@@ -234,6 +243,8 @@ class Agenda:
             self._passed = self._index.get(name, self._passed)
             if name in self._words:  # A script may decide as it runs.
                 self._words = {**self._words, name: step_in_words(stream, data)}
+            if stream == "choice" and data.get("indentor") is None:  # No press follows.
+                self._passed = len(self._order) - 1
 
     @property
     def now(self) -> str:

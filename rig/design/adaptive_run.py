@@ -30,6 +30,7 @@ from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import Journalled, ResumeRule, Step
 from rig.records import PlannedIndentation
+from rig_shared.plural import number_of
 from sim.finger_process import Finger
 
 if TYPE_CHECKING:  # A designed script without counts needs none of these.
@@ -81,6 +82,13 @@ class ChoosePress(Step[ConfiguredFinger, ChosenPress]):
     chooser: "Chooser" = field(repr=False)
 
     def check(self, state: ScriptState) -> PressPlace:
+        made, chosen = state.pressed["data"], self.chooser.chosen
+        if made != chosen:
+            raise BadInputError(
+                f"{self.verb}: the script made {number_of(made, 'presses')}, of which this chooser chose {chosen}; "
+                "counts belong to presses by their index, so press only what one chooser returns, each once",
+                "press_not_chosen",
+            )
         return state.place()
 
     def expect(self, place: PressPlace, state: ScriptState) -> ConfiguredFinger:
@@ -187,6 +195,11 @@ class Chooser:
         return choice.press
 
     @property
+    def chosen(self) -> int:
+        """Number of presses that it has returned."""
+        return len(self._made)
+
+    @property
     def _made(self) -> list[PossiblePress]:
         return [choice.press for choice in self._choices if choice.press is not None]
 
@@ -209,9 +222,15 @@ class Chooser:
         """
         if self._checked:
             return ()
-        self._checked = True
         choosing = self._prepared(on)
         choosing.refuse_too_short()
+        for press in self._planned:
+            if press not in choosing.table.presses:
+                raise BadInputError(
+                    f"BLOCKS: {press.title} is beyond a limit, or the finger model has no answer at the receptors; "
+                    "design the session again",
+                    "planned_press_not_possible",
+                )
         for number, choice in enumerate(self._choices):
             _refuse_changed(number, choice, choosing.table.presses)
         on.model.learn(choosing.table.predictions)
@@ -225,6 +244,7 @@ class Chooser:
                 shape = press.shape
             state.held_s = 0.0
             press.make(rig, choosing.request.hold_s)
+        self._checked = True
         return plan.indentations
 
     def _prepared(self, on: ConfiguredFinger) -> "Choosing":
@@ -248,6 +268,7 @@ class Chooser:
         """Return the next press, journalled with its reason; None ends the presses."""
         from rig.design.chooser import ChooserLostError, probabilities_as_text
 
+        self.checked_presses(on)  # A script may have swallowed the refusal of the plan.
         self._choosing = self._choosing or self._prepared(on)
         candidates = self._choosing.request.candidates
         decision = None
@@ -345,7 +366,6 @@ def _waiting(engine: Engine, clock: WallClock) -> Callable[[], None]:
     def wait() -> None:
         verbs.safe_point(engine)
         look()
-        clock.wait_s(LOOK_S)
 
     return wait
 

@@ -24,7 +24,7 @@ from rig.plan.config import Config
 from sim.finger_process import belong_to_parent
 from sim.workers import leaving_signals_to_us
 
-_POLL_S = 0.002
+_POLL_S, _OPEN_POLL_S = 0.002, 0.005
 _BEGINS_S = 120.0
 _END_S = 5.0
 
@@ -173,8 +173,10 @@ class ChooserProcess:
         try:
             clock = WallClock()
             until_s = clock.monotonic_s() + _BEGINS_S
-            while not self._near.poll(_POLL_S):
+            while not self._near.poll(_OPEN_POLL_S):
+                began_s = clock.monotonic_s()
                 look()
+                until_s += clock.monotonic_s() - began_s  # A pause of the operator does not count.
                 if clock.monotonic_s() > until_s:
                     raise ChooserLostError(f"counts={what.source}: the source does not open within {_BEGINS_S:g} s")
             self.truth: Mapping[str, Any] | None = self._received()

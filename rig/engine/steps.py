@@ -12,7 +12,7 @@ from datetime import datetime
 from functools import partial
 
 from rig.clock import Clock
-from rig.devices.base import MoveError, Stage, StageError, StageOverridden
+from rig.devices.base import MoveError, Stage, StageError, StageHeld, StageOverridden, is_held
 from rig.engine.bench import EngineMemory
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
@@ -211,7 +211,12 @@ class Steps:
 
     def _move_for_zero(self, direction: Direction, by_mm: float, speed_mm_s: float) -> StepEnd:
         """Move straight by a distance. Raises LimitError if a force ended it, StageError if it was not covered."""
-        from_mm = self._stage.status().z_mm
+        at = self._stage.status()
+        if is_held(at.state):
+            raise StageHeld(at.state)  # A command would reset a board that somebody holds on purpose.
+        if math.isfinite(self._engine.motion.height_mm) and not self._stage.homed:
+            raise StageError("the stage has lost its position", "lost_position")
+        from_mm = at.z_mm
         found = self.make(direction, by_mm, speed_mm_s)
         if found.ended_by is not None:
             raise LimitError(f"{found.ended_by}; nothing was zeroed; keep the finger away", found.ended_by.code)

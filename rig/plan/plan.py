@@ -75,6 +75,12 @@ class Plan:
         return [planned for presses in self.presses.values() for planned in presses] + self.allowed
 
     @property
+    def all_speeds_mm_s(self) -> list[tuple[float, PlannedIndentation]]:
+        """Speed of each press; a press that the script may choose is as fast as the fastest one of the plan."""
+        fastest_mm_s = max((speed_mm_s for speed_mm_s, _ in self.speeds_mm_s), default=0.0)
+        return [*self.speeds_mm_s, *((fastest_mm_s, press) for press in self.allowed)]
+
+    @property
     def peak_force_gwt(self) -> float:
         """Highest predicted force (gwt); for an identified finger the upper end of its band."""
         return max((press.highest_gwt for press in self.all_presses), default=0.0)
@@ -186,7 +192,7 @@ def refuse_unseen(plan: Plan, config: Config) -> None:
     press_age, trip_gwt = SampleAge.of(config), plan.soft_trip_n / GWT_N
     ramp_age = replace(press_age, increment_mm=math.inf)
     ramps = [(press.ramp_mm_s, press, ramp_age) for press in plan.all_presses if press.ramp_mm_s is not None]
-    for speed_mm_s, press, age in [*((*one, press_age) for one in plan.speeds_mm_s), *ramps]:
+    for speed_mm_s, press, age in [*((*one, press_age) for one in plan.all_speeds_mm_s), *ramps]:
         left_gwt = trip_gwt - press.highest_gwt
         stiffness_gwt_mm = CONTACT_EXPONENT * press.highest_gwt / press.predicted_doi_mm
         rise_gwt = age.rise_gwt(speed_mm_s, stiffness_gwt_mm)
@@ -247,7 +253,6 @@ class Planner:
     def _allow(self, presses: Sequence[PlannedIndentation]) -> None:
         """Add the presses that the script may choose."""
         self._plan.allowed += presses
-        self._plan.speeds_mm_s += [(self._state.settings.habits.press_speed_mm_s, press) for press in presses]
 
 
 _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "reference": "reference_"}
@@ -281,7 +286,9 @@ class PredictionCheck:
 
 
 def predicted_bands(plan: Plan) -> list[dict[str, Any]]:
-    """Return the predicted bands for the run's first document; empty without an identified finger."""
+    """Return the predicted bands for the run's first document; none without an identified finger or a fixed plan."""
+    if plan.allowed:
+        return []
     return [
         asdict(_predicted_band(purpose, index, press))
         for purpose, presses in plan.presses.items()

@@ -206,7 +206,7 @@ def possible_presses_as_json(plan: Plan, config: Config) -> PossiblePressesJson:
 
 def press_speed(config: Config, plan: Plan) -> PressSpeedJson:
     """Return the press speed that the force sensor allows to a plan with presses."""
-    age, speeds = SampleAge.of(config), plan.speeds_mm_s
+    age, speeds = SampleAge.of(config), plan.all_speeds_mm_s
     return {
         "sample_age_s": age.age_s,
         "press_speed_mm_s": max(age.press_speed_mm_s(speed_mm_s) for speed_mm_s, _ in speeds),

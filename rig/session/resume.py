@@ -142,6 +142,12 @@ def _read(folder: RunFolder) -> StoppedRun:
             f"{_results(folder)}",
             "identification",
         )
+    if about.get("choose"):
+        raise BadInputError(
+            f"run folder {folder.path}: an adaptive run of an earlier version (--choose) cannot be resumed; design "
+            "its script again, and start a new run",
+            "earlier_choice",
+        )
     copy = folder.path / "protocol.py"
     mend_journal(folder.events)
     run = read_run(folder.path) if folder.events.exists() and folder.events.stat().st_size else None

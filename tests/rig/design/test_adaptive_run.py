@@ -14,6 +14,8 @@ from rig.cli.script_execution import RequestedRun
 from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.data.documents import as_line
+from rig.data.run import read_provenance
+from rig.data.run_state import Agenda, Course, Timeline
 from rig.design import adaptive_run
 from rig.design import design as designs
 from rig.design.adaptive_run import ChoosePress, Chooser, ChosenPress, ConfiguredFinger
@@ -33,6 +35,7 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
+from rig.session import resume
 from rig.session.orders import PressOrders, scope_of
 from rig.session.rehearsal_summary import Page, in_both_units
 from rig.session.resume import StoppedRun, read_stopped
@@ -347,6 +350,95 @@ def test_a_dry_run_whose_counts_can_only_be_recorded_ends_before_a_motion(here: 
     run = read_run(Path(ended.json["run"]))
     assert run.start["parameters"]["counts"] == str(here / "counts.csv"), "so that it resumes anywhere"
     assert not run.stream("home")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "code"),
+    [
+        (
+            "            rig.rest(p.rest_s)",
+            "            rig.rest(p.rest_s)\n" * 2 + "            rig.indent(doi_mm=0.3)",
+            "press_not_chosen",
+        ),
+        (
+            "        mounted, mounts",
+            "        rig.mount('bar:3.0')\n        rig.home()\n        rig.zero()\n        rig.move_to(x_mm=0)\n"
+            "        rig.indent(doi_mm=0.3)\n        mounted, mounts",
+            "press_not_chosen",
+        ),
+        ("while press := chooser.next():", "while press := swallowing(chooser):", "planned_press_not_possible"),
+        (
+            "while press := chooser.next():",
+            "while press := chooser.next():  # as it is",
+            "planned_press_not_possible",
+        ),
+    ],
+    ids=[
+        "another press after",
+        "another press before",
+        "a swallowed refusal",
+        "a planned press that cannot be chosen",
+    ],
+)
+def test_a_script_that_its_chooser_does_not_fit_is_refused(
+    before: str,
+    after: str,
+    code: str,
+    here: Path,
+    program: Program,
+    some: ResponseTable,
+    few_times: PressTimes,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Counts belong to presses by their index; a press is planned only if it may be chosen."""
+    if code == "planned_press_not_possible":
+        few = some.only(range(1, len(some.presses)))
+        monkeypatch.setattr(designs, "response_table", lambda *_: few)
+        monkeypatch.setattr(designs, "press_times", lambda *_: few_times._replace(press_s=few_times.press_s[1:]))
+    path = here / "designed.py"
+    text = path.read_text(encoding="utf-8")
+    assert before in text
+    swallowing = """
+
+def swallowing(chooser):
+    for _ in range(3):
+        try:
+            return chooser.next()
+        except Exception as error:
+            last = error
+    raise last
+"""
+    path.write_text(text.replace(before, after, 1) + swallowing, encoding="utf-8")
+    ended = program(*DRY, CHOOSE, "--json")
+    assert (ended.code, ended.json["code"]) == (2, code), ended.err
+    assert not list(here.glob("runs/*"))
+
+
+def test_a_run_that_an_earlier_version_began_with_choices_is_not_resumed(
+    here: Path, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its script would make the planned presses."""
+    folder = Path(program(*DRY, "--json").json["run"])
+    monkeypatch.setattr(resume, "read_provenance", lambda *of: {**read_provenance(*of), "choose": {"source": TRUTH}})
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "earlier_choice"), ended.err
+
+
+def test_steps_after_a_choice_are_open_until_they_are_chosen() -> None:
+    times = Timeline(iter(range(9)).__next__)
+    times.event("choice", {})
+    times.event("mount", {"indentor": "bar:3.0"})
+    times.event("home", {})
+    times.event("move", {"x_mm": 0.5})
+    agenda = Agenda(Course(9.0, times.instants_s, times.words))
+    assert [step.words for step in agenda.steps] == [
+        "choose the next press", "mount the chosen indentor", "home", "move to the chosen press"
+    ]  # fmt: skip
+    agenda.event("choice", {"indentor": "bar:1.5"})
+    agenda.event("mount", {"indentor": "bar:1.5"})
+    assert (agenda.now, agenda.next) == ("home", "move to the chosen press")
+    agenda.event("choice", {"indentor": None})
+    assert agenda.now == ""
 
 
 # --- the wait at clearance ---
