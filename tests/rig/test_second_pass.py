@@ -1,5 +1,6 @@
 """What a script does when it is carried out need not be what it did when it was checked."""
 
+import html
 import os
 import sys
 from collections.abc import Mapping
@@ -21,6 +22,7 @@ from rig.protocol.script import load_script
 from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code
+from tests.program import Program
 
 NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
 """A short way from the switches."""
@@ -108,6 +110,22 @@ def test_a_run_that_pressed_otherwise_than_planned_says_so(tmp_path: Path, finge
     (warning,) = (one for one in run.warnings if "not as planned" in one)
     assert words in warning
     assert "seed what is random" in warning
+
+
+def test_the_command_its_answer_and_its_page_say_that_a_script_pressed_otherwise(
+    program: Program, tmp_path: Path
+) -> None:
+    path = tmp_path / "sly.py"
+    path.write_text(
+        "import sys; passes = vars(sys).setdefault(__file__, [])\n"
+        f"def run(rig):\n    passes.append(1); {READY}\n    rig.indent(doi_mm=0.2 + 0.01 * len(passes))\n",
+        encoding="utf-8",
+    )
+    told = program("dry-run", path, "--out", tmp_path / "runs", "--json")
+    assert "1 of 1 press is not as planned" in told.json["otherwise_text"]
+    assert told.json["otherwise_text"] in told.err
+    page = (Path(told.json["run"]) / "report.html").read_text(encoding="utf-8")
+    assert "not as planned, first at index 0: value = 0." in html.unescape(page)
 
 
 def lines(*these: str) -> str:

@@ -276,7 +276,7 @@ def test_page_json_and_terminal_count_presses_that_were_not_observed_and_state_t
     (recording,) = found["recordings"]
     assert (code, recording["presses"], recording["not_observed_mm"]) == (0, 6, [0.1])
     assert recording["clock"]["source"] == "assumed"
-    assert recording["columns_text"] == "Spike times read: units/spike_times in s."
+    assert recording["columns_text"] == "Spike times read: units/spike_times in s, unit 4, row 1 of 1."
     assert recording["window_s"] == 0.4
     assert [(one["rate"], one["repeats"]) for one in recording["rates"]] == 5 * [(17.5, [17.5])]  # 7 spikes in 0.4 s
     assert found["clock_shift"]["tried_s"] == [0.02, 0.1, 0.5, 2.0]
