@@ -241,7 +241,7 @@ class Agenda:
         name = self._milestones.name(stream, data)
         if name is not None:
             self._passed = self._index.get(name, self._passed)
-            if name in self._words:  # A script may decide as it runs.
+            if self._words.get(name) == UNTIL_CHOSEN.get(stream, ""):
                 self._words = {**self._words, name: step_in_words(stream, data)}
             if stream == "choice" and data.get("indentor") is None:  # No press follows.
                 self._passed = len(self._order) - 1

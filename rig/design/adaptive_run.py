@@ -224,6 +224,8 @@ class Chooser:
             return ()
         choosing = self._prepared(on)
         choosing.refuse_too_short()
+        for number, choice in enumerate(self._choices):
+            _refuse_changed(number, choice, choosing.table.presses)
         for press in self._planned:
             if press not in choosing.table.presses:
                 raise BadInputError(
@@ -231,8 +233,6 @@ class Chooser:
                     "design the session again",
                     "planned_press_not_possible",
                 )
-        for number, choice in enumerate(self._choices):
-            _refuse_changed(number, choice, choosing.table.presses)
         on.model.learn(choosing.table.predictions)
         plan, state = Plan(), ScriptState(on.config, on.model)
         rig, shape = Rig(ProtocolParameters(), state, Planner(state, plan)), ""

@@ -592,3 +592,23 @@ def test_a_process_that_dies_leaves_one_step(
         assert abs(rest_mm) <= INCREMENT_MM + 0.003
     other = (bench.height_mm, from_mm[1]) if axis == "x" else (bench.x_mm, from_mm[0])
     assert other[0] == pytest.approx(other[1], abs=0.003)
+
+
+def test_a_board_that_is_held_during_a_zero_is_sent_nothing() -> None:
+    """Somebody holds it on purpose: a motion, and the reset after it, would override that."""
+    bench = SessionBench("grbl", above_mm=12.0, lifted=True, zero=ForceZero(0.0, 0.0))
+    sensor, stage = bench.bench.force, bench.bench.stage
+    zero = sensor.zero
+
+    def held_meanwhile() -> None:
+        zero()
+        stage.hold()  # type: ignore[attr-defined]
+
+    sensor.zero = held_meanwhile  # type: ignore[method-assign]
+    with pytest.raises(StageError) as caught:
+        bench.session.zero()
+    assert "cannot be checked by a lift" in str(caught.value)
+    sent = [data for _, data in bench.sent() if data != b"?"]
+    assert sent[-1] == b"!"
+    assert stage.status().state.startswith("Hold")
+    assert stage.homed
