@@ -25,7 +25,9 @@ def main() -> None:
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
     parser.add_argument("--no-campaign", action="store_true", help="not the fault campaign")
     parser.add_argument("--hostile", type=int, default=200, help="times as many hostile files and replies")
-    parser.add_argument("--fingers", type=int, default=1000, help="examples of each machine of a finger that moves")
+    parser.add_argument(
+        "--fingers", type=int, default=1000, help="fingers that move, of ten steps and more, on each stage"
+    )
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()
     failed: Counter[str] = Counter()

@@ -330,7 +330,7 @@ class FingerMachine(RuleBasedStateMachine):
         except (KeyboardInterrupt, *ENDINGS) as error:
             problem = error
         except Killed:
-            self.over = self._killed = True
+            self.over, self._killed, self._running = True, True, False  # Nothing strikes a program that has ended.
             self.bench.clock.wait_s(COMPLETED_S)
             self.bench.pause, self.bench.at_event = Pause(), lambda stream: None
             return False
@@ -533,10 +533,10 @@ def replay(machine: FingerMachine, *steps: tuple[str, dict[str, Any]]) -> None:
 EXAMPLES, SEED = int(os.environ.get("FINGERS", "0")), int(os.environ.get("FINGER_SEED", "0"))
 
 
-def few(examples: int, steps: int) -> settings:
-    """Return settings for `make test`, or for many examples."""
+def few(examples: int, steps: int, stages: int = 1) -> settings:
+    """Return settings for `make test`, or for many examples on each of so many stages."""
     return settings(
-        max_examples=EXAMPLES or examples,
+        max_examples=EXAMPLES * stages or examples,
         stateful_step_count=steps,
         deadline=None,
         derandomize=not EXAMPLES,
@@ -551,7 +551,7 @@ def few(examples: int, steps: int) -> settings:
 TestStubMachine = StubMachine.TestCase
 TestStubMachine.settings = few(20, 12)
 TestBytesMachine = BytesMachine.TestCase
-TestBytesMachine.settings = few(12, 10)
+TestBytesMachine.settings = few(12, 10, len(STAGES))
 if EXAMPLES:
     TestStubMachine, TestBytesMachine = seed(SEED)(TestStubMachine), seed(SEED)(TestBytesMachine)
 
