@@ -338,7 +338,7 @@ def note(engine: Engine, text: str) -> None:
 
 
 def safe_point(engine: Engine) -> None:
-    """Let an operator's pause take effect: lift and journal, then continue or raise RunAborted.
+    """Let an operator's pause (a first Ctrl-C, or the panel's) take effect: lift, journal, continue or RunAborted.
 
     Raises PressPaused if the lift interrupted an indentation.
     """
