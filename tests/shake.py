@@ -1,8 +1,8 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
-Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move on each stage
-(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, and two hundred times as many hostile files
-and replies as the suite has (tests/fuzz).
+Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move on each
+stage (tests/rig/test_moving_finger_machine.py), which are on the virtual clock, and two hundred times as many hostile
+files and replies as the suite has (tests/fuzz).
 Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (test-studies).
 """
 

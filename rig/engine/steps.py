@@ -413,8 +413,8 @@ class Steps:
             if abs(force_gwt) >= engine.sensing.touch_gwt:
                 touched = TripError(f"the sensor reads {force_gwt:.2f} gwt after a step sideways", "touched")
                 engine.trip(touched, force_gwt)
-        except TripError as trip:
-            raise self._lifted(trip, settings.habits.clearance_mm) from None
+        except (TripError, ContactTimeError) as problem:
+            raise self._lifted(problem, settings.habits.clearance_mm) from None
         if outcome is Outcome.ARRIVED:
             return None
         words = "a late reading, or a touch that vanished at rest, ended the step; step again to continue"
@@ -439,16 +439,16 @@ class Steps:
             engine.contact = replace(engine.contact, may_touch=True)
             engine.memory.touched(KnownContact(unix_s=engine.clock.unix_s()))
 
-    def _lifted(self, trip: RigError, first_mm: float) -> TripError:
+    def _lifted(self, problem: TripError | ContactTimeError, first_mm: float) -> TripError | ContactTimeError:
         """Lift after a trip or a contact time that is over, which the engine cannot where heights are unknown.
 
         The lift takes back the way down, or by clearance sideways, and goes on by clearances while a force falls.
-        Returns the trip with what was done.
+        Returns the error with what was done.
         """
         engine, stage, settings = self._engine, self._stage, self._engine.settings
         self._descent = None
-        if isinstance(trip, TripError) and (stage.homed or not engine.trip_lifts):
-            return trip
+        if isinstance(problem, TripError) and (stage.homed or not engine.trip_lifts):
+            return problem
         clearance_mm, lifted_mm, by_mm = settings.habits.clearance_mm, 0.0, first_mm
         most_mm = max(park_height_mm(settings, clearance_mm) - clearance_mm, first_mm)
 
@@ -471,10 +471,12 @@ class Steps:
         except NoReadingError:
             pass
         except (StageError, TransportError, InterruptedMotionError) as error:
-            return TripError(f"{trip}; lifted by {lifted_mm:.2f} mm, then the lift failed: {error}", trip.code)
+            return type(problem)(
+                f"{problem}; lifted by {lifted_mm:.2f} mm, then the lift failed: {error}", problem.code
+            )
         finally:
             engine.sensing.moved = True
-        return TripError(f"{trip}; lifted by {lifted_mm:.2f} mm", trip.code)
+        return type(problem)(f"{problem}; lifted by {lifted_mm:.2f} mm", problem.code)
 
 
 def take_zero(sensing: Sensing, memory: EngineMemory) -> tuple[str, ForceZero]:

@@ -53,5 +53,7 @@ def test_at_an_unknown_height_a_contact_time_that_is_over_ends_the_way_down(zero
             found = bench.step("z", -0.3, 0.1)
             assert code_of_end(found) == code
             assert bench.height_mm > touched_mm + 0.3
+            assert isinstance(found.ended_by, LimitError)
+            assert not bench.session.tripped
         bench.step("z", 2.0)
         assert code_of_end(bench.step("z", -0.05)) is None, "a new contact counts from zero"
