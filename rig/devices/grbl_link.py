@@ -570,13 +570,7 @@ def offset_line(coordinates: Xyz, speed_mm_s: float) -> str:
 
 
 def doubt_about_zero(
-    link: GrblLink,
-    board: Mapping[int, float],
-    present: Xyz,
-    coordinates: Xyz,
-    speed_mm_s: float,
-    *,
-    confirm_modes: bool,
+    link: GrblLink, board: Mapping[int, float], present: Xyz, coordinates: Xyz, speed_mm_s: float
 ) -> str | None:
     """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 
@@ -587,7 +581,7 @@ def doubt_about_zero(
     link.void_offset()  # also if the board refuses the line
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
     link.void_offset()
-    if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
+    if max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
         printed = link.command("$G", look_s=LOOK_S)
         if (doubt := _doubt_about_modes(printed, 60 * speed_mm_s)) is not None:
             return doubt

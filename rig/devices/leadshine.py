@@ -128,7 +128,8 @@ class LeadshineStage(Stage):
 
     def halt(self) -> None:
         """Quick-stop each drive; its position feedback stays valid."""
-        self.end_jog()
+        for drive in self._up_first():
+            drive.confirm_stopped()
 
     def look(self) -> StageStatus:
         return self.status()
@@ -138,7 +139,7 @@ class LeadshineStage(Stage):
         return self._drive(axis).pulses_per_mm
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Extend the present move by a distance; whether the position is trusted does not change.
+        """Move by a distance from rest; whether the position is trusted does not change.
 
         Raises StageError; MoveError before any byte.
         """
@@ -146,7 +147,7 @@ class LeadshineStage(Stage):
         drive.rpm(speed_mm_s)
         refuse_not_finite("by_mm", by_mm)
         self._disarm()
-        drive.go_on(by_mm, speed_mm_s, keep_on)
+        drive.jog(by_mm, speed_mm_s, keep_on)
 
     def limit_depth(self, lowest_z_mm: float) -> None:
         """Set a volatile soft limit of the z drive at a machine height (mm), clipped to the travel.
@@ -161,10 +162,6 @@ class LeadshineStage(Stage):
         except StageError:
             self._trusted = False
             raise
-
-    def end_jog(self) -> None:
-        for drive in self._up_first():
-            drive.confirm_stopped()
 
     def set_output(self, on: bool) -> None:
         """Write the output word to the drive that has the output. Raises StageError."""

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from enum import IntFlag
 
 from rig.clock import Clock
-from rig.devices.base import LOOK_S, MoveError, StageAlarm, StageError, StageTimeout, next_look_s
+from rig.devices.base import LOOK_S, MoveError, StageAlarm, StageError, StageOverridden, StageTimeout, next_look_s
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 
@@ -103,7 +103,6 @@ class LeadshineDrive:
         self._clock, self._settings = clock, settings
         self.travel_mm = travel_mm
         self.pulses_per_mm = pulses_per_mm
-        self._going_to: int | None = None  # target of jogs since another motion
         self._loose = False  # whether PR0 may lead away from the present position
         self.harmless = False  # whether disarm() was done and every exchange since succeeded
 
@@ -172,7 +171,6 @@ class LeadshineDrive:
         keep_on is checked just before the start. Raises StageError.
         """
         self.refuse_fault()
-        self._going_to = None
         settings = self._settings
         ramp = settings.homing_ramp_ms
         self._set("homing mode", HOMING_MODE, [settings.homing_mode])
@@ -197,7 +195,6 @@ class LeadshineDrive:
         too low for the drive.
         """
         target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
-        self._going_to = None
         status, start = self.status(), self._commanded()
         self._refuse(status)
         self._refuse_unhomed(status)
@@ -217,23 +214,19 @@ class LeadshineDrive:
             raise StageError(f"{self._label} is at {at_mm:.4f} mm instead of {to_mm:g} mm", "not_there")
         self._loose = False
 
-    def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
-        """Extend the present move by a distance, and return at once.
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """Move by a distance from rest, and return at once.
 
         keep_on is checked just before the start. Raises StageError.
         """
         rpm, status = self.rpm(speed_mm_s), self.status()
         self._refuse(status)
-        going_to, self._going_to = self._going_to, None
-        if Status.RUNNING not in status or going_to is None:
-            going_to = self._standing()
-        target = going_to + self._pulses(by_mm)
-        self._start(target, rpm, keep_on)
-        self._going_to = target
+        if Status.RUNNING in status:
+            raise StageOverridden(f"{self._label} moves already; another program moves it")
+        self._start(self._standing() + self._pulses(by_mm), rpm, keep_on)
 
     def confirm_stopped(self) -> None:
         """Repeat the quick stop until the drive reports rest, and clear its path. Raises StageError."""
-        self._going_to = None
         deadline_s = self._clock.monotonic_s() + STOP_S
         problem: StageError | None = None
         while self._clock.monotonic_s() < deadline_s:

@@ -125,8 +125,8 @@ class DrivenAxis(Protocol[Look]):
         """Move to a position. Raises StageError."""
         ...
 
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
-        """Extend the present motion by a distance, and return at once. Raises StageError."""
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """Move by a distance from rest, and return at once. Raises StageError."""
         ...
 
     def halt(self) -> None:
@@ -303,17 +303,14 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
         return self._axis(axis).steps_per_mm
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Extend the present move by a distance; whether the position is trusted does not change.
+        """Move by a distance from rest; whether the position is trusted does not change.
 
         Raises StageError; MoveError before any byte.
         """
         moves = self._axis(axis)
         moves.native_speed(speed_mm_s)
         refuse_not_finite("by_mm", by_mm)
-        moves.jog(by_mm, speed_mm_s, self._until_stopped(), trusted=self._trusted)
-
-    def end_jog(self) -> None:
-        self.halt()
+        moves.jog(by_mm, speed_mm_s, self._until_stopped())
 
     def stop(self) -> None:
         """Stop both axes at once, past every wait, and confirm it.

@@ -107,7 +107,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self.serial: int | None = None  # of the connected controller
         self._ramps: tuple[int, int] | None = None
         self._alarm = ""
-        self._jogs_to: int | None = None
 
     @property
     def steps_per_mm(self) -> float:
@@ -116,7 +115,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def connect(self) -> str:
         """Compare the controller with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = self._ramps = None
+        self._ramps = None
         (serial,) = self._link.ask("gser", SERIAL)
         self.serial = serial
         self._refuse_another(serial)
@@ -148,7 +147,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def homing(self, keep_on: Callable[[], bool]) -> Iterator[AxisStatus]:
         """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
-        self._jogs_to = None
         before = self._at(self.look())
         if not keep_on():
             raise self._stopped()
@@ -185,7 +183,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         A motion that leaves the way from start to target is stopped. Raises StageError; MoveError before any byte.
         """
         target = self._counts(to_mm)
-        self._jogs_to = None
         start = self._standing()
         self._set_speed(speed_mm_s)
         if not keep_on():
@@ -217,34 +214,16 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             if not away:
                 return
 
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
-        """Extend the present motion by a distance, and return at once.
-
-        Without a trusted position the controller counts from where it stands, so a previous jog ends first. Raises
-        StageError.
-        """
-        by = round(self.steps_per_mm * by_mm)
-        status = self.look()
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """Move by a distance from rest, and return at once. Raises StageError."""
+        by, status = round(self.steps_per_mm * by_mm), self.look()
         self.refuse_alarm(status)
-        going_to, self._jogs_to = self._jogs_to, None
-        if not trusted:
-            deadline_s = self._clock.monotonic_s() + LATE_S
-            while self.look().busy:
-                self._refuse_late(deadline_s, "a jog", LATE_S)
-                self._clock.wait_s(POLL_S)
-            self._set_speed(speed_mm_s)
-            if not keep_on():
-                raise self._stopped()
-            self._link.command("movr", self._payload(by))
-            return
-        if going_to is None or not status.busy:
-            going_to = self._standing()
-        target = going_to + by
+        if status.busy:
+            raise StageOverridden(f"{self._label} moves already; another program moves it")
         self._set_speed(speed_mm_s)
         if not keep_on():
             raise self._stopped()
-        self._link.command("move", self._payload(target))
-        self._jogs_to = target
+        self._link.command("movr", self._payload(by))
 
     def halt(self) -> None:
         """Slow down to rest; steps are not lost, and an alarm is not cleared. Raises StageError."""
@@ -321,7 +300,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             self._refuse_setting("serial number", serial, self._settings.serial)
 
     def _end(self, letters: str, most_s: float, *, sent: bool = False) -> None:
-        self._jogs_to = None
         deadline_s = self._clock.monotonic_s() + most_s
         problem: StageError | None = None
         while self._clock.monotonic_s() < deadline_s:

@@ -205,26 +205,18 @@ class TmclAxis(WatchedAxis[Look]):
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self.disarm()
 
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
-        """Extend the present motion by a distance, and return at once. Raises StageError."""
-        speed, by = self.native_speed(speed_mm_s), round(by_mm * self.steps_per_mm)
-        found = self.look()
-        self.refuse_alarms(found) if trusted else self.refuse_flags()
-        going_to, self._jogs_to = self._jogs_to, None
-        if going_to is None or not found.busy or self._max_speed != speed:
-            deadline_s = self._clock.monotonic_s() + LATE_S
-            while found.busy:
-                self._refuse_late(deadline_s, "a jog", LATE_S)
-                self._clock.wait_s(POLL_S)
-                found = self.look()
-            going_to = self._standing(trusted=trusted)
-            self.disarm()
-        self._aim(going_to + by)
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """Move by a distance from rest, and return at once. Raises StageError."""
+        speed, target = (
+            self.native_speed(speed_mm_s),
+            self._standing(trusted=False) + round(by_mm * self.steps_per_mm),
+        )
+        self.disarm()
+        self._aim(target)
         if not keep_on():
             raise self._stopped()
-        if self._max_speed != speed:
-            self._set_max_speed(speed)
-        self._jogs_to = going_to + by
+        self._set_max_speed(speed)
+        self._jogs_to = target
 
     def halt(self) -> None:
         """Stop this axis and return at rest; steps are not lost. Raises StageError."""

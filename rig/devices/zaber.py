@@ -90,7 +90,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._least_acceleration_mm_s2 = least_acceleration_mm_s2
         self._acceleration_mm_s2 = math.inf
         self._question = "get encoder.pos" if address.encoder else "get pos"
-        self._jogs_to: int | None = None
         self.warned = frozenset[str]()  # warnings when they were last asked for
 
     @property
@@ -100,7 +99,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def connect(self) -> str:
         """Compare the device with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = None
         link, address = self._link, self._address.address
         device_id = link.ask(address, 0, "get deviceid").data
         version = link.ask(address, 0, "get version").data
@@ -164,7 +162,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def homing(self, keep_on: Callable[[], bool]) -> Iterator[Reply]:
         """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
-        self._jogs_to = None
         if not keep_on():
             raise self._stopped()
         self._command("home")
@@ -190,7 +187,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         A motion that leaves the way from start to target is stopped. Raises StageError; MoveError before any byte.
         """
         speed, target = self.native_speed(speed_mm_s), self._counts(to_mm)
-        self._jogs_to = None
         start = self._standing()
         if not keep_on():
             raise self._stopped()
@@ -210,36 +206,22 @@ class ZaberAxis(WatchedAxis[Reply]):
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self._be_at(target)
 
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
-        """Extend the present motion by a distance, and return at once.
-
-        Without a trusted position the device counts from where it stands, so a previous jog ends first. Raises
-        StageError.
-        """
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """Move by a distance from rest, and return at once. Raises StageError."""
         speed, by = self.native_speed(speed_mm_s), round(-by_mm * self._counts_per_mm)
-        reply = self.look()
-        self.refuse_alarm(self.warnings(reply))
-        going_to, self._jogs_to = self._jogs_to, None
-        if not trusted:
-            deadline_s = self._clock.monotonic_s() + LATE_S
-            while self.look().busy:
-                self._refuse_late(deadline_s, "a jog", LATE_S)
-                self._clock.wait_s(POLL_S)
-            if not keep_on():
-                raise self._stopped()
-            self._command(f"move rel {by} {speed}")
-            return
-        if going_to is None or not reply.busy:
-            going_to = self._standing()
-        target = going_to + by
+        self._refuse_busy()
         if not keep_on():
             raise self._stopped()
-        self._command(f"move abs {target} {speed}")
-        self._jogs_to = target
+        self._command(f"move rel {by} {speed}")
+
+    def _refuse_busy(self) -> None:
+        reply = self.look()
+        self.refuse_alarm(self.warnings(reply))
+        if reply.busy:
+            raise StageOverridden(f"{self._label} moves already; another program moves it")
 
     def halt(self) -> None:
         """Stop this axis and return at rest; steps are not lost. Raises StageError."""
-        self._jogs_to = None
         deadline_s = self._clock.monotonic_s() + HALT_S
         problem: StageError | None = None
         while self._clock.monotonic_s() < deadline_s:
@@ -255,7 +237,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def confirm_stopped(self) -> None:
         """Verify a stop that was sent; one that does not take effect becomes an emergency stop. Raises StageError."""
-        self._jogs_to = None
         begun_s = self._clock.monotonic_s()
         problem: StageError | None = None
         while self._clock.monotonic_s() < begun_s + STOP_S:

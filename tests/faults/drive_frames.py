@@ -127,11 +127,10 @@ class DriveBench:
 
 
 def _jogged(bench: DriveBench, axis: Axis, by_mm: float) -> None:
-    """A slice, and once more while the first is under way."""
-    bench.stage.jog(axis, by_mm / 2, 1.0)
-    bench.clock.wait_s(0.01)
-    bench.stage.jog(axis, by_mm / 2, 1.0)
-    bench.clock.wait_s(0.5)
+    """Two slices, each from rest."""
+    for _ in range(2):
+        bench.stage.jog(axis, by_mm / 2, 1.0)
+        bench.clock.wait_s(0.5)
     bench.stage.end_jog()
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageOverridden, StageTimeout
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import words
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
@@ -314,38 +314,17 @@ def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) ->
 # --- jogs ---
 
 
-def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
-    """At rest that is where it stands, wherever an earlier jog led."""
+def test_a_jog_goes_from_where_the_drive_stands(bench: Make) -> None:
+    """Wherever an earlier jog led; not where it runs."""
     bus, stage = bench()
     bus.stands(X, -400)
     stage.jog("x", -1.0, 1.0)
-    bus.status = lambda device, t_s: RUNNING
-    bus.stands(X, -500)  # on its way
-    stage.jog("x", -1.0, 1.0)
-    bus.status = lambda device, t_s: HOMED
     bus.stands(X, -4000)
     stage.jog("x", 0.5, 1.0)
-    assert bus.paths() == [(X, -800), (X, -1200), (X, -3800)]
-
-
-ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
-    "halt": lambda stage: stage.halt(),
-    "stop": lambda stage: stage.stop(),
-    "home": lambda stage: stage.home(),
-    "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
-}
-
-
-@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
-def test_a_jog_that_has_ended_is_not_extended(bench: Make, end: str) -> None:
-    """Somebody else runs the drive when the next jog comes."""
-    bus, stage = bench()
-    stage.jog("x", -2.0, 1.0)
-    ENDS_OF_A_JOG[end](stage)
     bus.status = lambda device, t_s: RUNNING
-    bus.stands(X, -4000)
-    stage.jog("x", -0.5, 1.0)
-    assert bus.paths()[-1] == (X, -4200)
+    with raises(StageOverridden, "overridden", axis="x"):
+        stage.jog("x", 0.5, 1.0)
+    assert bus.paths() == [(X, -800), (X, -3800)]
 
 
 # --- stopping ---
