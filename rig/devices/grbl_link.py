@@ -24,6 +24,7 @@ from rig.devices.base import (
     StageTimeout,
     is_held,
 )
+from rig.devices.counted_axis import travel_s
 from rig.settings import SLOWEST_MM_S, BenchSettings, StageBounds
 from rig.transport import LineReader, Transport
 
@@ -152,14 +153,6 @@ def parse_modes(printed: Iterable[str]) -> tuple[frozenset[str], float | None]:
             with suppress(ValueError):
                 return frozenset(words), float(feeds[0]) if feeds else None
     return frozenset(), None
-
-
-def travel_s(mm: float, speed: float, accel: float) -> float:
-    """Return the travel time (s) from rest to rest over a length (mm), at mm/s and mm/s²."""
-    ramp_mm = speed * speed / accel
-    if mm <= ramp_mm:
-        return 2 * math.sqrt(mm / accel)
-    return mm / speed + speed / accel
 
 
 def _overrides(text: str | None) -> Overrides | None:

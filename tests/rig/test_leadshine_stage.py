@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageOverridden, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageOverridden, StageReset, StageTimeout
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import words
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
@@ -17,12 +17,10 @@ from tests.drives_as_registers import (
     ALARM,
     DISABLED,
     FEEDBACK,
-    HOME,
     HOMED,
     PR0,
     RUN_PR0,
     RUNNING,
-    STATUS,
     TRIGGER,
     Bus,
     X,
@@ -80,9 +78,9 @@ def test_drives_that_two_ports_could_exchange_are_refused(
 ) -> None:
     """With the same address behind two adapters, z's paths would move x if their names change places."""
     bus, stage = bench()
-    stage._drives["x"].bus = copy(bus)
-    stage._drives["x"].bus.name, bus.name = ports
-    stage._drives["x"].device_id = x
+    drive: Any = stage._axes["x"]
+    drive.link, drive.device_id = copy(bus), x
+    drive.link.name, bus.name = ports
     with raises(StageError, "port_may_change", port=ports[1], device=Z) if refused else nullcontext():
         stage.connect()
     assert bool(bus.told) is not refused
@@ -148,7 +146,7 @@ def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_mo
     """At power-on it has them from its memory again, and its speeds of homing and jogging."""
     bus, stage = bench()
     bus.status = lambda device, t_s: HOMED & ~0x40
-    with raises(StageError, "lost_home", axis="z", drive=2):
+    with raises(StageReset, "was_reset", axis="z", drive=2):
         VERBS[loses](stage)
     path_1, jog_rpm = (Z, 0x6208), (Z, 0x01E1)
     bus.registers[path_1], bus.registers[jog_rpm] = 0x41, 60
@@ -193,6 +191,8 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
 def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make, device: int) -> None:
     bus, stage = bench()
     bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
+    with raises(StageReset, "was_reset", drive=device):
+        stage.look()
     seen = stage.look()
     assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
 
@@ -202,7 +202,7 @@ def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make
 
 @pytest.mark.parametrize("register", [0x0179, 0x017A])
 def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, register: int) -> None:
-    bus, stage = bench(inputs_register=register)
+    bus, stage = bench(stop={"inputs_register": register})
     for word, inputs in ((0, set()), (1, {"di1"}), (64, {"di7"}), (0b0101_0010, {"di2", "di5", "di7"}), (128, set())):
         bus.registers[Z, register] = word
         assert stage.active_inputs() == inputs
@@ -284,20 +284,10 @@ def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make
     if fine:
         stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
     else:
-        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0004}
+        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0}
         with raises(StageError, "not_there", axis="x", drive=1, **at):
             stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
     assert stage.homed is fine
-
-
-def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
-    """It has 50 ms from the trigger on to show that it runs."""
-    bus, stage = bench()
-    stage.home()
-    for device in (X, Z):
-        triggered_s = next(t_s for t_s, *what in bus.told if what == [device, TRIGGER, [HOME]])
-        asked_s = next(t_s for t_s, *what in bus.asked if what == [device, STATUS] and t_s > triggered_s)
-        assert asked_s - triggered_s == pytest.approx(0.05)
 
 
 def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
@@ -388,6 +378,6 @@ def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: Virtu
     bus.takes_s = 0.01
     bus.status = lambda device, t_s: RUNNING
     begun_s = clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=1.0):
+    with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=2.0):
         stage.halt()
-    assert clock.monotonic_s() - begun_s == pytest.approx(1.0, abs=0.04)
+    assert clock.monotonic_s() - begun_s == pytest.approx(2.0, abs=0.04)

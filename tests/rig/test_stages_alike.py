@@ -3,7 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
@@ -341,8 +341,34 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
     assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / v_mm_s + 0.015, abs=0.02)
-    assert bench.wire.asked[-1] in (b"z stop", b"x MST 0")
+    assert bench.wire.asked[-1] in (b"x stop", b"x MST 0")
     assert not bench.stage.homed
+
+
+WAITS: dict[str, Replies] = {
+    "tmcl": tmcl.axis("z", most=2000),
+    "leadshine": {**leadshine.UNHOMED_X, **leadshine.status(leadshine.Z, leadshine.HOMED)},
+}
+"""A drive that stands at 0 after the command to home: it was just switched on, or is homed."""
+
+
+@pytest.mark.parametrize("late_s", [0.97, 1.03, 1e6])
+@pytest.mark.parametrize("kind", WAITS)
+def test_a_search_that_does_not_begin_within_a_second_is_no_homing(kind: str, late_s: float) -> None:
+    device = BYTES[kind]
+    said = {**device.usual, **device.states["z is set"]} if kind == "leadshine" else device.usual
+    trigger = next(asked for asked, reply in said.items() if isinstance(reply, tuple) and reply[1] == "z homes")
+    states = {**device.states, "z waits": WAITS[kind]}
+    bench = StageBench(replace(device, states=states))
+    bench.wire.instead[trigger] = said[trigger][0], "z waits"  # type: ignore[assignment, index]
+    looks = bench.stage.homing()
+    next(looks)
+    sent_s = next(t_s for t_s, frames in bench.wire.writes if trigger in frames)
+    bench.clock.call_at(sent_s + late_s, lambda: setattr(bench.wire, "state", "z homes"))
+    with nullcontext() if late_s < 1.0 else raises(StageError, "did_not_home", axis="z"):
+        list(looks)
+    assert bench.stage.homed is (late_s < 1.0)
+    assert bench.stage.homed or bench.clock.monotonic_s() - sent_s < 1.1
 
 
 @every_table
