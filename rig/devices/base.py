@@ -383,7 +383,7 @@ class Stage(Protocol):
         ...
 
     def end_jog(self) -> None:
-        """End a jog and return at rest; the position stays as trusted as before. The default halts.
+        """Stop a jog and return at rest; the position stays as trusted as before. The default halts.
 
         Raises
         ------

@@ -41,7 +41,7 @@ TOLERANCE_MM = 2.5e-3
 _SAME_PLACE_MM = 1e-6
 
 
-class Kind(Enum):
+class FaultKind(Enum):
     """What a fault means, in the order in which faults are raised."""
 
     ALARM = auto()  # The axis is locked, or broken.
@@ -53,30 +53,30 @@ class Kind(Enum):
     HARMLESS = auto()
 
 
-LOCKED = (Kind.ALARM, Kind.DISABLED)
-UNTRUSTED = (*LOCKED, Kind.LOST, Kind.DISPLACED)
-BEFORE_MOVE = (*UNTRUSTED, Kind.HELD)
-UNDER_WAY = (*BEFORE_MOVE, Kind.OVERRIDDEN)
+LOCKED = (FaultKind.ALARM, FaultKind.DISABLED)
+UNTRUSTED = (*LOCKED, FaultKind.LOST, FaultKind.DISPLACED)
+BEFORE_MOVE = (*UNTRUSTED, FaultKind.HELD)
+UNDER_WAY = (*BEFORE_MOVE, FaultKind.OVERRIDDEN)
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Fault of an axis; number: in the manual of its controller, or its letters."""
 
-    kind: Kind
+    kind: FaultKind
     number: int | str
     words: str
 
     def error(self, label: str) -> StageError:
         """Return the error for this fault."""
         match self.kind:
-            case Kind.ALARM | Kind.DISPLACED:
+            case FaultKind.ALARM | FaultKind.DISPLACED:
                 return StageAlarm(self.number, f"{label}: {self.words}")
-            case Kind.DISABLED:
+            case FaultKind.DISABLED:
                 return StageError(f"{label} {self.words}", "not_enabled")
-            case Kind.LOST:
+            case FaultKind.LOST:
                 return StageReset(f"{label} {self.words}; home again")
-            case Kind.HELD:
+            case FaultKind.HELD:
                 return StageHeld(str(self.number), f"{label}: ")
         return StageOverridden(f"{label}: {self.words}")
 
@@ -85,8 +85,8 @@ class Fault:
 class Look:
     """State of an axis: position in counts, whether it moves, and its faults.
 
-    at_switch: whether the home switch is active; None if the drive does not report it. up_mm_s: speed towards home;
-    None if it follows from the positions.
+    position: 0 if the drive reports it apart. at_switch: whether the home switch is active; None if the drive does not
+    report it. up_mm_s: speed towards home; None if it follows from the positions.
     """
 
     position: int
@@ -96,8 +96,8 @@ class Look:
     up_mm_s: float | None = None
 
 
-class Target(NamedTuple):
-    """Target of a motion in counts; by: distance from rest, for a motion at a position that is not known."""
+class Destination(NamedTuple):
+    """Destination of a motion in counts; by: distance from rest, for a motion at a position that is not known."""
 
     position: int
     by: int | None = None
@@ -229,17 +229,17 @@ class CountedAxis(ABC, Generic[L]):
         """Ask for the settings that must be as configured, one after another. Raises StageError."""
         ...
 
-    def aim(self, target: Target, speed: int) -> None:
+    def aim(self, target: Destination, speed: int) -> None:
         """Send what precedes a motion and starts nothing."""
 
     @abstractmethod
-    def go(self, target: Target, speed: int) -> None:
+    def go(self, target: Destination, speed: int) -> None:
         """Start a motion; nothing is asked before the command that starts it."""
         ...
 
     def has_arrived(self, found: L, target: int) -> bool:
         """Return whether an axis at rest is at its target."""
-        return abs(found.position - target) <= self.tolerance
+        return abs(self.position(found) - target) <= self.tolerance
 
     def is_over(self, found: L, target: int) -> bool:
         """Return whether a motion has ended."""
@@ -314,9 +314,13 @@ class CountedAxis(ABC, Generic[L]):
         """Largest distance from a target on arrival, in counts."""
         return max(TOLERANCE_MM * abs(self.steps_per_mm), 1.0)
 
+    def position(self, found: L) -> int:
+        """Return the position in counts; a drive that reports it apart is asked now. Raises StageError."""
+        return found.position
+
     def mm(self, found: L) -> float:
-        """Return the position (mm)."""
-        return found.position / self.steps_per_mm + 0.0
+        """Return the position (mm). Raises StageError."""
+        return self.position(found) / self.steps_per_mm + 0.0
 
     def counts(self, mm: float) -> int:
         """Return a position or a distance in counts."""
@@ -355,9 +359,9 @@ class CountedAxis(ABC, Generic[L]):
                 f"{self.label}: {setting.name} is {setting.found}, expected {setting.expected}", "not_as_configured"
             )
 
-    def refuse(self, found: L, kinds: Iterable[Kind]) -> None:
+    def refuse(self, found: L, kinds: Iterable[FaultKind]) -> None:
         """Raise the first fault of some kinds."""
-        for kind in Kind:
+        for kind in FaultKind:
             for fault in found.faults:
                 if fault.kind is kind and kind in kinds:
                     raise fault.error(self.label)
@@ -376,8 +380,8 @@ class CountedAxis(ABC, Generic[L]):
         MoveError before any byte.
         """
         speed, target = self.native_speed(speed_mm_s), self.counts(to_mm)
-        start = self._at_rest(BEFORE_MOVE).position
-        begun_s = self._begin(Target(target), speed, keep_on)
+        start = self.position(self._at_rest(BEFORE_MOVE))
+        begun_s = self._begin(Destination(target), speed, keep_on)
         stood_at: int | None = None
 
         def look() -> tuple[L, bool]:
@@ -388,12 +392,14 @@ class CountedAxis(ABC, Generic[L]):
             if (problem := self.strayed(found, start, target, speed_mm_s, begun_s)) is not None:
                 self.stop_now()
                 raise problem
-            over = self.is_over(found, target)
-            if over and self.has_arrived(found, target):
+            if not self.is_over(found, target):
+                stood_at = None
+                return found, False
+            if self.has_arrived(found, target):
                 return found, True
-            if over and stood_at == found.position:  # One look alone may be an old reply.
-                raise self._not_there(found, target)
-            stood_at = found.position if over else None
+            before, stood_at = stood_at, self.position(found)
+            if before == stood_at:  # One look alone may be an old reply.
+                raise self._not_there(stood_at, target)
             return found, False
 
         expected_s = travel_s(
@@ -407,7 +413,7 @@ class CountedAxis(ABC, Generic[L]):
         """Move by a distance from rest, and return at once. Raises StageError."""
         speed, by = self.native_speed(speed_mm_s), self.counts(by_mm)
         found = self._at_rest(LOCKED)
-        self._begin(Target(self.count_at_rest(found) + by, by), speed, keep_on)
+        self._begin(Destination(self.count_at_rest(found) + by, by), speed, keep_on)
 
     def count_at_rest(self, found: L) -> int:
         """Return the count from which a distance is counted."""
@@ -417,10 +423,10 @@ class CountedAxis(ABC, Generic[L]):
         """Return an error for an axis that is not between start and target, or is there too early (begun_s)."""
         low, high = sorted((start, target))
         if not low - self.tolerance <= found.position <= high + self.tolerance:
-            return self._not_there(found, target)
+            return self._not_there(found.position, target)
         return None
 
-    def _begin(self, target: Target, speed: int, keep_on: Callable[[], bool]) -> float:
+    def _begin(self, target: Destination, speed: int, keep_on: Callable[[], bool]) -> float:
         """Start a motion, unless it was stopped; return when."""
         self.aim(target, speed)
         self._go_on(keep_on)
@@ -428,10 +434,10 @@ class CountedAxis(ABC, Generic[L]):
         self.go(target, speed)
         return begun_s
 
-    def _at_rest(self, kinds: Iterable[Kind]) -> L:
+    def _at_rest(self, kinds: Iterable[FaultKind]) -> L:
         """Return a look at an axis at rest, without faults of some kinds."""
         found = self.look()
-        self.refuse(found, {*kinds} - {Kind.LOST})
+        self.refuse(found, {*kinds} - {FaultKind.LOST})
         if found.busy:
             raise StageOverridden(f"{self.label} moves already; another program moves it")
         self.refuse(found, kinds)
@@ -478,7 +484,7 @@ class CountedAxis(ABC, Generic[L]):
                 )
             begun = begun or self.homes(found)
             if not begun and now_s >= begins_by_s:
-                raise self.did_not_home(f"it did not begin to, and is at {found.position}")
+                raise self.did_not_home(f"it did not begin to, and is at {self.position(found)}")
             return found, begun and self.has_homed(found)
 
         yield from self._until(look, HOME_S, 0.0, "homing")
@@ -549,9 +555,9 @@ class CountedAxis(ABC, Generic[L]):
         if not keep_on():
             raise StageError(f"{self.label} was stopped", "stopped")
 
-    def _not_there(self, found: L, target: int) -> StageError:
-        target_mm = target / self.steps_per_mm
-        return StageError(f"{self.label} is at {self.mm(found):.4f} mm instead of {target_mm:.4f} mm", "not_there")
+    def _not_there(self, position: int, target: int) -> StageError:
+        at_mm, target_mm = position / self.steps_per_mm, target / self.steps_per_mm
+        return StageError(f"{self.label} is at {at_mm:.4f} mm instead of {target_mm:.4f} mm", "not_there")
 
 
 A = TypeVar("A", bound=CountedAxis[Any])
@@ -717,7 +723,7 @@ class TwoAxisStage(Stage, Generic[A]):
         busy = any(look.busy for look in looks.values())
         state = "Alarm" if kinds & {*LOCKED} else "Run" if busy else "Idle"
         x_mm, z_mm = (axis.mm(looks[name]) for name, axis in self._axes.items())
-        return StageStatus(state, x_mm, self._y_mm, z_mm, Kind.LOST not in kinds)
+        return StageStatus(state, x_mm, self._y_mm, z_mm, FaultKind.LOST not in kinds)
 
     def _until_stopped(self) -> Callable[[], bool]:
         times = self._times_stopped

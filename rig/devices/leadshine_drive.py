@@ -18,7 +18,7 @@ from enum import IntFlag
 
 from rig.clock import Clock
 from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
-from rig.devices.counted_axis import AxisSpec, CountedAxis, Fault, Kind, Look, Setting, Target
+from rig.devices.counted_axis import AxisSpec, CountedAxis, Destination, Fault, FaultKind, Look, Setting
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 
@@ -44,8 +44,8 @@ ALARMS = {
     0x152: "motor phase",
     0x240: "EEPROM",
 }
-DISABLED = Fault(Kind.DISABLED, "", "is not enabled; enable it")
-LOST = Fault(Kind.LOST, "", "is no longer homed, probably because it was switched off")
+DISABLED = Fault(FaultKind.DISABLED, "", "is not enabled; enable it")
+LOST = Fault(FaultKind.LOST, "", "is no longer homed, probably because it was switched off")
 
 
 class Status(IntFlag):
@@ -75,7 +75,7 @@ def number(pair: Sequence[int]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class DriveLook(Look):
-    """State of a drive; the position is that of its feedback."""
+    """State of a drive: its status word."""
 
     word: Status = NO_STATUS
 
@@ -133,7 +133,7 @@ class LeadshineDrive(CountedAxis[DriveLook]):
         if not math.isfinite(lowest_mm):
             raise MoveError(f"lowest_mm must be a finite number, got {lowest_mm}", "not_finite")
         found = self.look()
-        self.refuse(found, (*Kind,))
+        self.refuse(found, (*FaultKind,))
         if found.busy:
             raise StageError(f"{self.label} is moving; a soft limit can be set only at rest", "runs")
         lowest = words(self.counts(min(max(lowest_mm, -self.travel_mm), 0.0)))
@@ -145,13 +145,13 @@ class LeadshineDrive(CountedAxis[DriveLook]):
 
     # --- motion ---
 
-    def aim(self, target: Target, speed: int) -> None:
+    def aim(self, target: Destination, speed: int) -> None:
         """Write the path without its trigger, and read it back."""
         self._loose = True
         ramp_ms = self._settings.ramp_ms
         self._set("path 0", PR0, [ABSOLUTE, *words(target.position), speed, ramp_ms, ramp_ms, 0])
 
-    def go(self, target: Target, speed: int) -> None:
+    def go(self, target: Destination, speed: int) -> None:
         self.write_word(TRIGGER, RUN_PR0)
 
     def is_over(self, found: DriveLook, target: int) -> bool:
@@ -227,18 +227,21 @@ class LeadshineDrive(CountedAxis[DriveLook]):
     def look(self) -> DriveLook:
         word = self._word()
         faults = tuple(self._faults(word))
-        return DriveLook(number(self._read(FEEDBACK, 2)), Status.RUNNING in word, faults, word=word)
+        return DriveLook(0, Status.RUNNING in word, faults, word=word)
+
+    def position(self, found: DriveLook) -> int:
+        return number(self._read(FEEDBACK, 2))
 
     def _faults(self, word: Status) -> Iterator[Fault]:
         if Status.FAULT in word:
             code = self._read(ALARM)[0]
-            yield Fault(Kind.ALARM, code, f"{ALARMS.get(code, 'see its manual')} ({code:X} hex)")
+            yield Fault(FaultKind.ALARM, code, f"{ALARMS.get(code, 'see its manual')} ({code:X} hex)")
         elif Status.ENABLED not in word:
             yield DISABLED
         if Status.HOMED not in word:
             yield LOST
 
-    def refuse(self, found: DriveLook, kinds: Iterable[Kind]) -> None:
+    def refuse(self, found: DriveLook, kinds: Iterable[FaultKind]) -> None:
         try:
             super().refuse(found, kinds)
         except StageReset:

@@ -16,7 +16,17 @@ from dataclasses import dataclass
 
 from rig.clock import Clock
 from rig.devices.base import Stage, StageError
-from rig.devices.counted_axis import POLL_S, AxisSpec, CountedAxis, Fault, Kind, Look, Setting, Target, TwoAxisStage
+from rig.devices.counted_axis import (
+    POLL_S,
+    AxisSpec,
+    CountedAxis,
+    Destination,
+    Fault,
+    FaultKind,
+    Look,
+    Setting,
+    TwoAxisStage,
+)
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -64,9 +74,9 @@ ALARMS = {
     0x01000000: "EXTIO_ALARM",
 }
 """Names of the status flags without `STATE_`; each is an alarm."""
-LOST = Fault(Kind.LOST, "HOMED", "is no longer homed, or its motor is off")
-HELD = Fault(Kind.HELD, "BUTTON", "")
-OVERRIDDEN = Fault(Kind.OVERRIDDEN, "", "another program has interrupted the motion")
+LOST = Fault(FaultKind.LOST, "HOMED", "is no longer homed, or its motor is off")
+HELD = Fault(FaultKind.HELD, "BUTTON", "")
+OVERRIDDEN = Fault(FaultKind.OVERRIDDEN, "", "another program has interrupted the motion")
 EDGE = {"right": 0x1, "left": 0x2}
 BUTTONS = 0xC
 STOPS_AT_EDGES, EDGES_ARE_POSITIONS = 0x6, 0x1
@@ -138,11 +148,11 @@ class StandaAxis(CountedAxis[StandaLook]):
 
     # --- motion ---
 
-    def aim(self, target: Target, speed: int) -> None:
+    def aim(self, target: Destination, speed: int) -> None:
         steps, part = divmod(speed, self.microsteps)
         self.link.command("smov", SPEED.pack(steps, part, *self._ramp(), 0, 0, 0, 9 * RESERVED))
 
-    def go(self, target: Target, speed: int) -> None:
+    def go(self, target: Destination, speed: int) -> None:
         counts = target.position if target.by is None else target.by
         steps = math.trunc(counts / self.microsteps)
         payload = MOVE.pack(steps, counts - steps * self.microsteps, 6 * RESERVED)
@@ -196,12 +206,12 @@ class StandaAxis(CountedAxis[StandaLook]):
         if self._alarms:
             bits = [1 << bit for bit in range(self._alarms.bit_length()) if self._alarms >> bit & 1]
             names = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
-            yield Fault(Kind.ALARM, names, "remove the cause, see its manual")
+            yield Fault(FaultKind.ALARM, names, "remove the cause, see its manual")
         if not status.flags & HOMED or status.power == POWER_OFF:
             yield LOST
         far = "left" if self._settings.home == "right" else "right"
         if status.inputs & EDGE[far]:  # It lies outside the travel.
-            yield Fault(Kind.DISPLACED, f"{far.upper()}_EDGE", "remove the cause, see its manual")
+            yield Fault(FaultKind.DISPLACED, f"{far.upper()}_EDGE", "remove the cause, see its manual")
         command = status.command & COMMAND
         if status.inputs & BUTTONS or (status.busy and command in (LEFT, RIGHT)):
             yield HELD

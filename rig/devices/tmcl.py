@@ -14,7 +14,17 @@ from dataclasses import dataclass
 
 from rig.clock import Clock
 from rig.devices.base import Stage, StageError
-from rig.devices.counted_axis import POLL_S, AxisSpec, CountedAxis, Fault, Kind, Look, Setting, Target, TwoAxisStage
+from rig.devices.counted_axis import (
+    POLL_S,
+    AxisSpec,
+    CountedAxis,
+    Destination,
+    Fault,
+    FaultKind,
+    Look,
+    Setting,
+    TwoAxisStage,
+)
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
@@ -75,13 +85,13 @@ class TmclAxis(CountedAxis[TmclLook]):
 
     # --- motion ---
 
-    def aim(self, target: Target, speed: int) -> None:
+    def aim(self, target: Destination, speed: int) -> None:
         if self._max_speed != 0:
             self._disarm()
         self.link.command(self.motor, MVP, ABSOLUTE, target.position)
         self._confirm(TARGET, target.position)
 
-    def go(self, target: Target, speed: int) -> None:
+    def go(self, target: Destination, speed: int) -> None:
         self._set_max_speed(speed)
         self._target = target.position
 
@@ -189,23 +199,23 @@ class TmclAxis(CountedAxis[TmclLook]):
             (units.fault_parameter, units.fault_mask, "fault of the motor driver"),
         ):
             if flags := self._flags.get(number, 0) & mask:
-                yield Fault(Kind.ALARM, number, f"{meaning}, flags {flags:#x}")
+                yield Fault(FaultKind.ALARM, number, f"{meaning}, flags {flags:#x}")
         at_home = abs(found[POSITION] / self.steps_per_mm) <= HOME_ZONE_MM
         for side, number in SWITCHES.items():
             home = side == self._axis.home_switch
             if found[number] and not (at_home if home else not self._axis.far_switch):
-                yield Fault(Kind.DISPLACED, number, f"unexpected {side} limit switch")
+                yield Fault(FaultKind.DISPLACED, number, f"unexpected {side} limit switch")
         # A standing axis that this driver has homed has maximum speed 0; one that was switched off has another.
         expected = found[MAX_SPEED] if busy and self._max_speed is None else self._max_speed or 0
         if found[MAX_SPEED] != expected != self._number(MAX_SPEED):
             yield Fault(
-                Kind.LOST,
+                FaultKind.LOST,
                 MAX_SPEED,
                 f"has maximum speed {found[MAX_SPEED]}, was set to {expected}; the module was switched off, or "
                 "another program uses it",
             )
         if self._target not in (None, found[TARGET]):
-            yield Fault(Kind.OVERRIDDEN, TARGET, "another program has changed the target")
+            yield Fault(FaultKind.OVERRIDDEN, TARGET, "another program has changed the target")
 
     # --- helpers ---
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 
 from rig.clock import Clock
 from rig.devices.base import Stage, StageError
-from rig.devices.counted_axis import AxisSpec, CountedAxis, Fault, Kind, Look, Setting, Target, TwoAxisStage
+from rig.devices.counted_axis import AxisSpec, CountedAxis, Destination, Fault, FaultKind, Look, Setting, TwoAxisStage
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.zaber_link import NO_WARNING, READ_TRIES, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
@@ -28,34 +28,34 @@ UNHOMED_ROOM_MM = 1.0
 MANUAL, INTERRUPTED = "NC", "NI"
 NOT_HOME = {"WR", "WH", INTERRUPTED}
 FAULTS = {
-    "FF": (Kind.ALARM, "critical system error"),
-    "FN": (Kind.ALARM, "peripheral not supported"),
-    "FZ": (Kind.ALARM, "peripheral inactive"),
-    "FH": (Kind.ALARM, "hardware emergency stop"),
-    "FV": (Kind.ALARM, "supply voltage out of range, driver off"),
-    "FO": (Kind.ALARM, "driver disabled"),
-    "FC": (Kind.ALARM, "current inrush error"),
-    "FM": (Kind.ALARM, "motor temperature"),
-    "FD": (Kind.ALARM, "driver disabled"),
-    "FQ": (Kind.ALARM, "encoder error"),
-    "FI": (Kind.ALARM, "index error"),
-    "FA": (Kind.ALARM, "encoder synchronization"),
-    "FR": (Kind.ALARM, "overdrive limit exceeded"),
-    "FS": (Kind.ALARM, "stalled and stopped"),
-    "FB": (Kind.ALARM, "stream bounds"),
-    "FP": (Kind.ALARM, "path deviation"),
-    "FE": (Kind.ALARM, "limit sensor not reached or faulty"),
-    "FT": (Kind.ALARM, "excessive twist"),
-    "WL": (Kind.ALARM, "unexpected limit sensor"),
-    "WS": (Kind.ALARM, "stalled and recovered"),
-    "WM": (Kind.DISPLACED, "moved while standing"),
-    "WR": (Kind.LOST, "is no longer homed, probably because it was switched off"),
-    "WH": (Kind.LOST, "is no longer homed, probably because it was switched off"),
-    MANUAL: (Kind.HELD, ""),
-    INTERRUPTED: (Kind.OVERRIDDEN, "another program or the device itself has interrupted the motion"),
-    **dict.fromkeys(("WV", "WT", "WP", "ND", "NR", "NT", "NU", "NJ", "NB"), (Kind.HARMLESS, "")),
+    "FF": (FaultKind.ALARM, "critical system error"),
+    "FN": (FaultKind.ALARM, "peripheral not supported"),
+    "FZ": (FaultKind.ALARM, "peripheral inactive"),
+    "FH": (FaultKind.ALARM, "hardware emergency stop"),
+    "FV": (FaultKind.ALARM, "supply voltage out of range, driver off"),
+    "FO": (FaultKind.ALARM, "driver disabled"),
+    "FC": (FaultKind.ALARM, "current inrush error"),
+    "FM": (FaultKind.ALARM, "motor temperature"),
+    "FD": (FaultKind.ALARM, "driver disabled"),
+    "FQ": (FaultKind.ALARM, "encoder error"),
+    "FI": (FaultKind.ALARM, "index error"),
+    "FA": (FaultKind.ALARM, "encoder synchronization"),
+    "FR": (FaultKind.ALARM, "overdrive limit exceeded"),
+    "FS": (FaultKind.ALARM, "stalled and stopped"),
+    "FB": (FaultKind.ALARM, "stream bounds"),
+    "FP": (FaultKind.ALARM, "path deviation"),
+    "FE": (FaultKind.ALARM, "limit sensor not reached or faulty"),
+    "FT": (FaultKind.ALARM, "excessive twist"),
+    "WL": (FaultKind.ALARM, "unexpected limit sensor"),
+    "WS": (FaultKind.ALARM, "stalled and recovered"),
+    "WM": (FaultKind.DISPLACED, "moved while standing"),
+    "WR": (FaultKind.LOST, "is no longer homed, probably because it was switched off"),
+    "WH": (FaultKind.LOST, "is no longer homed, probably because it was switched off"),
+    MANUAL: (FaultKind.HELD, ""),
+    INTERRUPTED: (FaultKind.OVERRIDDEN, "another program or the device itself has interrupted the motion"),
+    **dict.fromkeys(("WV", "WT", "WP", "ND", "NR", "NT", "NU", "NJ", "NB"), (FaultKind.HARMLESS, "")),
 }
-UNKNOWN = (Kind.ALARM, "unknown warning, see its manual")
+UNKNOWN = (FaultKind.ALARM, "unknown warning, see its manual")
 
 _VERSION = re.compile(r"(\d+)\.(\d+)(?:\.\d+)?")
 
@@ -108,7 +108,7 @@ class ZaberAxis(CountedAxis[Look]):
 
         Raises StageError.
         """
-        if any(fault.kind is Kind.LOST for fault in self.look().faults):
+        if any(fault.kind is FaultKind.LOST for fault in self.look().faults):
             room = self.counts(-UNHOMED_ROOM_MM)
             if self._number("get pos") - room < self._number("get limit.min"):
                 self._set_limit("limit.min", -self.counts(-self.travel_mm))
@@ -126,7 +126,7 @@ class ZaberAxis(CountedAxis[Look]):
 
     # --- motion ---
 
-    def go(self, target: Target, speed: int) -> None:
+    def go(self, target: Destination, speed: int) -> None:
         way = f"abs {target.position}" if target.by is None else f"rel {target.by}"
         self._command(f"move {way} {speed}")
 
@@ -166,7 +166,7 @@ class ZaberAxis(CountedAxis[Look]):
         """Return every warning of this axis: a reply shows the highest one alone, which may hide others."""
         alerted = self.link.alerts.pop((self._address.address, self._address.axis), NO_WARNING)
         found = {reply.warning, alerted} - {NO_WARNING}
-        if found and not any(FAULTS.get(flag, UNKNOWN)[0] is Kind.ALARM for flag in found):
+        if found and not any(FAULTS.get(flag, UNKNOWN)[0] is FaultKind.ALARM for flag in found):
             data = self.link.ask(self._address.address, self._address.axis, "warnings").data
             count, *rest = data.split() or [""]
             if not count.isdigit() or int(count) != len(rest):
@@ -191,7 +191,7 @@ class ZaberAxis(CountedAxis[Look]):
 def _fault(flag: str, *, busy: bool) -> Fault:
     kind, words = FAULTS.get(flag, UNKNOWN)
     if flag == MANUAL and not busy:
-        kind, words = Kind.OVERRIDDEN, "somebody has moved it at its knob"
+        kind, words = FaultKind.OVERRIDDEN, "somebody has moved it at its knob"
     return Fault(kind, flag, words)
 
 

@@ -27,9 +27,9 @@ def status(device: int, word: str) -> Pair:
     return f"{device:02X} 03 10 03 00 01", f"{device:02X} 03 02 {word}"
 
 
-def looked(device: int, word: str) -> list[Pair]:
-    """Status, and the position by the feedback."""
-    return [status(device, word), (f"{device:02X} 03 10 14 00 02", f"{device:02X} 03 04 00 00 00 00")]
+def stands(device: int) -> Pair:
+    """The position by the feedback."""
+    return f"{device:02X} 03 10 14 00 02", f"{device:02X} 03 04 00 00 00 00"
 
 
 def commanded(device: int, counts: str) -> Pair:
@@ -91,10 +91,10 @@ def homing(device: int, lowest: str) -> list[Pair]:
         written(f"{d} 10 60 0F 00 04 08 01 2C 00 19 01 4D 01 4D"),  # 300 and 25 rpm, ramps of 333 ms
         (f"{d} 03 60 0F 00 04", f"{d} 03 08 01 2C 00 19 01 4D 01 4D"),
         echoed(f"{d} 06 60 02 00 20"),
-        *looked(device, RUNNING),
-        *looked(device, HOMED),
+        status(device, RUNNING),
+        status(device, HOMED),
         commanded(device, "00 00 00 00"),
-        *looked(device, HOMED),
+        status(device, HOMED),
         written(f"{d} 10 60 06 00 02 04 00 00 00 00"),
         (f"{d} 03 60 06 00 02", f"{d} 03 04 00 00 00 00"),
         written(f"{d} 10 60 08 00 02 04 {lowest}"),
@@ -106,7 +106,7 @@ def homing(device: int, lowest: str) -> list[Pair]:
 
 STOP: Pair = ("00 06 60 02 00 40", "")  # to both, without a reply
 # −40 mm and −60 mm are −16000 and −24000 pulses.
-BEFORE = [*looked(2, AT_REST), *looked(1, AT_REST), *disarmed(2), *disarmed(1)]
+BEFORE = [status(2, AT_REST), status(1, AT_REST), *disarmed(2), *disarmed(1)]
 HOMING = [*BEFORE, *homing(2, "FF FF C1 80"), *homing(1, "FF FF A2 40")]
 
 
@@ -179,7 +179,7 @@ def test_when_one_drive_fails_to_home_both_are_stopped(stage: Make) -> None:
 
 def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
     """Limits change places, and positions their sign: 40 mm down is +16000 pulses."""
-    d = homing(2, "00 00 00 00")[:12]
+    d = homing(2, "00 00 00 00")[:9]
     limits = [
         written("02 10 60 06 00 02 04 00 00 3E 80"),
         ("02 03 60 06 00 02", "02 03 04 00 00 3E 80"),
@@ -196,7 +196,7 @@ def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
 # --- moves ---
 
 
-MOVE_1_MM = [*looked(1, HOMED), *started(1, "FF FF FE 70", "01 2C")]
+MOVE_1_MM = [status(1, HOMED), stands(1), *started(1, "FF FF FE 70", "01 2C")]
 
 
 def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
@@ -236,7 +236,7 @@ def test_a_lower_limit_is_set_at_rest_and_read_back(
     stage: Make, lowest_mm: float, per_mm: float, register: str, words: str
 ) -> None:
     there = stage(
-        [*looked(2, HOMED), *set_and_read_back(2, register, words), ("02 03 60 00 00 01", "02 03 02 00 02")],
+        [status(2, HOMED), *set_and_read_back(2, register, words), ("02 03 60 00 00 01", "02 03 02 00 02")],
         per_mm=per_mm,
     )
     there._trusted = True
@@ -244,15 +244,15 @@ def test_a_lower_limit_is_set_at_rest_and_read_back(
     assert there.homed
 
 
-LIMIT = [*looked(2, HOMED), *set_and_read_back(2, "60 08", "FF FF D6 98")]
+LIMIT = [status(2, HOMED), *set_and_read_back(2, "60 08", "FF FF D6 98")]
 
 
 @pytest.mark.parametrize(
     ("script", "code", "fields"),
     [
-        (looked(2, "00 46"), "runs", {"axis": "z", "drive": 2}),
-        (looked(2, AT_REST), "was_reset", {"axis": "z"}),
-        ([*LIMIT[:3], (LIMIT[3][0], "02 03 04 FF FF C1 80")], "not_as_configured", {"register": "0x6008"}),
+        ([status(2, "00 46")], "runs", {"axis": "z", "drive": 2}),
+        ([status(2, AT_REST)], "was_reset", {"axis": "z"}),
+        ([*LIMIT[:2], (LIMIT[2][0], "02 03 04 FF FF C1 80")], "not_as_configured", {"register": "0x6008"}),
         ([*LIMIT, ("02 03 60 00 00 01", "02 03 02 00 00")], "not_as_configured", {"register": "0x6000"}),
     ],
     ids=["runs", "not homed", "not taken", "off"],
