@@ -85,8 +85,8 @@ class Fault:
 class Look:
     """State of an axis: position in counts, whether it moves, and its faults.
 
-    position: 0 if the drive reports it apart. at_switch: whether the home switch is active; None if the drive does not
-    report it. up_mm_s: speed towards home; None if it follows from the positions.
+    position: 0 if the drive reports it apart. at_switch: whether the home switch is active; None if the drive does
+    not report it. up_mm_s: speed towards home; None if it follows from the positions.
     """
 
     position: int

@@ -11,7 +11,7 @@ from rig.devices.make_drivers import stage_driver
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
-from sim.devices.leadshine import DriveAxis
+from sim.devices.counted_motor import DriveAxis
 from sim.devices.line import SerialLine
 from tests.timed_wire import TimedWire
 
@@ -71,7 +71,7 @@ def bench_of(kind: str, *, homed: bool = True, connected: bool = True, **tables:
 def _home_from_near(kind: str, stage: Stage, devices: Any) -> None:
     act = "search" if kind == "tmcl" else "_home"
     for axis in (devices.x, devices.z):
-        per_mm = 2 * axis._beyond if kind == "standa" else axis._counts_per_mm
+        per_mm = 2 * axis._highest if kind == "standa" else axis._counts_per_mm
         start = -round(NEAR_MM * per_mm)
         axis._axis, axis._zero = DriveAxis(start), start
         setattr(axis, act, partial(SEARCHES[kind], axis, per_mm))
@@ -81,17 +81,17 @@ def _home_from_near(kind: str, stage: Stage, devices: Any) -> None:
 
 
 def _zaber_searches(axis: Any, per_mm: float) -> None:
-    axis._go([(0.0, per_mm)], 1e6)
-    axis._homing = True
+    axis._ramp([(0.0, per_mm)], 1e6)
+    axis._searching = True
 
 
 def _standa_searches(axis: Any, per_mm: float) -> None:
-    axis._homing, axis.flags = True, axis.flags & ~0x20
-    axis._go([(0.0, per_mm)], [60000, 60000])
+    axis._searching, axis.flags = True, axis.flags & ~0x20
+    axis._ramp([(0.0, per_mm)], [60000, 60000])
 
 
 def _tmcl_searches(axis: Any, per_mm: float) -> None:
-    axis._go([(0.0, per_mm)])
+    axis._ramp([(0.0, per_mm)])
     axis._searching = True
 
 

@@ -217,7 +217,7 @@ def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float, inputs: int)
     bench.stage.move_to(z_mm=start_mm, speed_mm_s=5.0)
     z: Any = bench.devices.z
     z.inputs = inputs
-    z._home = lambda: z._go([(z._lowest, 5.0 * abs(bench.stage.steps_per_mm("z")))], [60000, 60000])
+    z._home = lambda: z._ramp([(z._lowest, 5.0 * abs(bench.stage.steps_per_mm("z")))], [60000, 60000])
     before = z.carriage_at(bench.clock.monotonic_s())
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()

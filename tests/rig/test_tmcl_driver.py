@@ -447,7 +447,7 @@ def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any], far: bool) -> No
     per_mm = abs(bench.stage.steps_per_mm("z"))
 
     def search() -> None:
-        z._go([(z._lowest, 5.0 * per_mm)])
+        z._ramp([(z._lowest, 5.0 * per_mm)])
         z._searching = True
 
     z.search = search
@@ -534,7 +534,7 @@ def test_a_byte_that_is_lost_on_its_way_to_a_module_does_not_lock_it_out(pause_s
     """Also where the module waits for the end of the frame for ever."""
     bench = bench_of()
     next(bench.stage.moving(z_mm=-20.0, speed_mm_s=1.0))
-    bench.devices.frame_pause_s = pause_s
+    bench.devices.heard.forgets_s = pause_s
     hear, lost = bench.devices._hear, [4]
     bench.devices._line.connect(lambda data: hear(data[1:] if lost and lost.pop() else data))
     if what == "a stop":
