@@ -161,12 +161,6 @@ def test_a_path_that_stays_is_refused(stage: Make) -> None:
         stage(script).connect()
 
 
-def test_a_drive_that_is_set_otherwise_is_refused(stage: Make) -> None:
-    """10000 pulses a turn: every move would be 25 times too short."""
-    with raises(StageError, "not_as_configured", axis="x", register=1, found=[10000], expected=[400]):
-        stage([("01 03 00 01 00 01", "01 03 02 27 10")]).connect()
-
-
 # --- homing and limits ---
 
 

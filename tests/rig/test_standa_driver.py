@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -116,34 +116,6 @@ def _changed(name: str, layout: str, place: int, value: int) -> Callable[[Virtua
 
 
 ENGINE, SPEEDS, HOMING = "<HHIBHhBH12x", "<IBHHIBB9x", "<IBIBihH9x"
-EDGES, POWER = "<BBihih6x", "<BHHHB6x"
-OTHERWISE = [
-    (_changed("eng", ENGINE, 6, 8), "MicrostepMode"),
-    (_changed("eng", ENGINE, 4, 0), "ENGINE_ACCEL_ON"),
-    (_changed("eng", ENGINE, 4, 0x18), "ENGINE_ANTIPLAY"),
-    (_changed("eds", EDGES, 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
-    (_changed("eds", EDGES, 0, 7), "BORDER_IS_ENCODER"),
-    (_changed("hom", HOMING, 6, 0x31), "HOME_DIR_FIRST"),
-    (_changed("hom", HOMING, 6, 0x10), "HOME_STOP_FIRST_BITS"),
-    (_changed("pwr", POWER, 4, 2), "POWER_OFF_ENABLED"),
-    (_changed("eng", ENGINE, 4, 0xFFEF), "ENGINE_ACCEL_ON"),
-    *((_changed("eds", EDGES, 0, bits), "BORDER_STOP_LEFT and _RIGHT") for bits in (4, 0xF8)),
-    *((_changed("hom", HOMING, 6, bits), "HOME_STOP_FIRST_BITS") for bits in (0x20, 0xFFDE)),
-    (_changed("mov", SPEEDS, 2, 4000), "Accel"),
-    (_changed("mov", SPEEDS, 3, 4000), "Decel"),
-]
-
-
-@pytest.mark.parametrize(
-    ("change", "setting"), OTHERWISE, ids=[f"{setting}-{n}" for n, (_, setting) in enumerate(OTHERWISE)]
-)
-def test_a_controller_that_is_set_otherwise_is_refused(
-    change: Callable[[VirtualStandaController], None], setting: str
-) -> None:
-    bench = bench_of(homed=False)
-    change(bench.devices.z)
-    with raises(StageError, "not_as_configured", setting=setting, port="wire", axis="z"):
-        bench.stage.connect()
 
 
 @pytest.mark.parametrize("mode", range(11))
@@ -238,31 +210,6 @@ def test_homing_that_goes_far_back_from_the_switch_is_stopped() -> None:
     assert -10.0 < bench.devices.z.carriage_at(bench.clock.monotonic_s()) / per_mm < -9.0
 
 
-TURNS = b"gets\x01" + controller.status(controller.HOME, 50, controller.HOMED)[5:]
-NOT_HOMED: dict[str, tuple[str, bytes | tuple[bytes, str]]] = {
-    "turning again": ("z is home", (controller.status(controller.HOME, 50, controller.HOMED), "turns again")),
-    "failed": ("z is home", controller.status(controller.HOME | 0x40, 50, controller.HOMED)),
-    "ended by another command": ("z is home", controller.status(controller.SSTP, 50, controller.HOMED)),
-    "without its flag": ("z is home", controller.status(controller.HOME, 50, 0)),
-    "with all flags but its own": ("z is home", controller.status(controller.HOME, 50, 0x17)),
-    "a step from the zero": ("z is zero", controller.status(controller.HOME, 1, controller.HOMED)),
-    "a microstep from the zero": ("z is zero", controller.status(controller.HOME, 0, controller.HOMED, 1)),
-    "with all flags but its own after the zero": ("z is zero", controller.status(controller.HOME, 0, 0x17)),
-    "without its flag after the zero": ("z is zero", controller.status(controller.HOME, 0, 0)),
-}
-
-
-@pytest.mark.parametrize("how", NOT_HOMED)
-def test_homing_that_ends_otherwise_than_at_home_is_no_homing(how: str) -> None:
-    state, said = NOT_HOMED[how]
-    states = {**controller.DEVICE.states, state: {**controller.DEVICE.states[state], b"z gets": said}}
-    states["turns again"] = {**states["z is home"], b"z gets": TURNS}
-    bench = StageBench(replace(controller.DEVICE, states=states))
-    with raises(StageError, "did_not_home", axis="z"):
-        bench.stage.home()
-    assert not bench.stage.homed
-
-
 def test_nothing_but_speed_and_zero_is_ever_written() -> None:
     """All else is kept by the controller, whose owner has set it."""
     bench = bench_of(homed=False)
@@ -313,20 +260,6 @@ def test_a_stop_clears_the_alarm_of_the_controller_but_not_ours(flag: int, word:
     assert bench.stage.homed
 
 
-def test_every_flag_that_is_not_harmless_is_an_alarm() -> None:
-    bench = bench_of()
-    for bit in range(32):
-        bench.stage.unlock()
-        bench.stage.home()
-        bench.devices.z.flags |= 1 << bit
-        if bit in HARMLESS:
-            assert bench.stage.status().state == "Idle"
-            continue
-        with raises(StageAlarm, "alarm", axis="z"):
-            bench.stage.status()
-        assert not bench.stage.homed
-
-
 @pytest.mark.parametrize(("home", "edge", "word"), [("left", 1, "RIGHT_EDGE"), ("right", 2, "LEFT_EDGE")])
 def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word: str) -> None:
     """That of home is none."""
@@ -341,57 +274,6 @@ def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word
     bench.stage.stop()
     bench.stage.home()
     assert bench.stage.homed
-
-
-def shown(command: int, steps: int, *, flags: int = controller.HOMED, power: int = 3, inputs: int = 0) -> bytes:
-    """A status with a power state and inputs."""
-    found = bytearray(controller.status(command, steps, flags))
-    found[4 + 2], found[4 + 39] = power, inputs
-    return bytes(found)
-
-
-SHOWN: dict[str, tuple[dict[str, int], str, str, str]] = {
-    "power off": ({"power": 1}, "was_reset", "was_reset", "was_reset"),
-    "another power": ({"power": 2}, "", "", ""),
-    "not homed": ({"flags": 0}, "was_reset", "was_reset", "was_reset"),
-    "not homed, with all else": ({"flags": 0x17}, "was_reset", "was_reset", "was_reset"),
-    "far switch": ({"inputs": 1}, "alarm", "alarm", "alarm"),
-    "home switch": ({"inputs": 2}, "", "", ""),
-    "right button": ({"inputs": 4}, "held", "", "held"),
-    "left button": ({"inputs": 8}, "held", "", "held"),
-    "another input": ({"inputs": 0xF0}, "", "", ""),
-    "an alarm": ({"flags": 0x60}, "alarm", "alarm", "alarm"),
-}
-"""What a status shows, and the errors at a look of a move, at a status at rest, and before a move."""
-
-
-@pytest.mark.parametrize("name", SHOWN)
-def test_what_a_status_shows_is_noticed_at_once(name: str) -> None:
-    shows, at_look, at_rest, before = SHOWN[name]
-    bench = StageBench(controller.DEVICE, homed=True)
-    looks = bench.under_way()
-    bench.wire.instead[b"z gets"] = shown(controller.RUNS | controller.MOVE, 125, **shows)
-    with raises(StageError, at_look) if at_look else nullcontext():
-        next(looks)
-    rest = shown(controller.HOME, 0, **shows)
-    bench = StageBench(controller.DEVICE, homed=True)
-    bench.wire.instead[b"z gets"] = rest
-    with raises(StageError, at_rest) if at_rest else nullcontext():
-        bench.stage.status()
-    bench = StageBench(controller.DEVICE, homed=True)
-    bench.wire.instead[b"z gets"] = rest
-    with raises(StageError, before) if before else suppress(StageError):
-        bench.move()
-    assert (bench.wire.asked.count(controller.DEVICE.trigger) == 0) is bool(before)
-
-
-@pytest.mark.parametrize(("command", "held"), [(3, False), (4, False), (0x83, True), (0x84, True), (5, False)])
-def test_an_axis_that_a_button_has_moved_can_move_when_it_rests(command: int, held: bool) -> None:
-    bench = StageBench(controller.DEVICE, homed=True)
-    bench.wire.instead[b"z gets"] = shown(command, 0)
-    with raises(StageHeld, "held", state="BUTTON") if held else suppress(StageError):
-        bench.move()
-    assert (controller.DEVICE.trigger in bench.wire.asked) is not held
 
 
 @pytest.mark.parametrize("times", [1, 2])

@@ -185,17 +185,6 @@ def test_a_move_is_aimed_at_speed_0_and_started_by_its_speed() -> None:
     assert bench.devices.z.parameter(4) == bench.devices.x.parameter(4) == 0
 
 
-@pytest.mark.parametrize(
-    ("number", "value", "setting"),
-    [(140, 4, "microstep resolution"), (193, 2, "reference search mode"), (5, 100, "acceleration")],
-)
-def test_a_module_that_is_set_otherwise_is_refused(number: int, value: int, setting: str) -> None:
-    bench = bench_of(homed=False)
-    bench.devices.z.parameters[number] = value
-    with raises(StageError, "not_as_configured", setting=setting, parameter=number, found=value, axis="z"):
-        bench.stage.connect()
-
-
 @pytest.mark.parametrize("number", [0, 1, 3, 4, 10, 11, 207, 208])
 def test_a_module_without_one_of_the_parameters_is_refused_when_it_connects(number: int) -> None:
     """Not in the middle of a motion."""
@@ -271,29 +260,6 @@ def test_a_fault_under_way_is_an_alarm_with_its_parameter(number: int) -> None:
     assert bench.stage.homed
 
 
-@pytest.mark.parametrize(("lost", "driver", "number"), [
-    *((1 << bit, 0, 207) for bit in (0, 15, 30)), (-1 << 31, 0, 207),
-    *((0, 1 << bit, 208) for bit in (1, 3, 4)), *((0, 1 << bit, 0) for bit in (0, 2, 5, 30)),
-])  # fmt: skip
-def test_every_flag_of_lost_steps_is_an_alarm_and_of_the_driver_those_of_the_mask(
-    lost: int, driver: int, number: int
-) -> None:
-    bench = bench_of()
-    bench.devices.z.lost, bench.devices.z.driver = lost, driver
-    with raises(StageAlarm, "alarm", number=number, axis="z") if number else nullcontext():
-        bench.stage.status()
-
-
-@pytest.mark.parametrize("number", ACCIDENTS)
-def test_a_fault_at_rest_is_an_alarm_at_the_next_status(number: int) -> None:
-    bench = bench_of()
-    bench.stage.move_to(z_mm=-3.0, speed_mm_s=5.0)
-    ACCIDENTS[number](bench.devices)
-    with raises(StageAlarm, "alarm", number=number, axis="z"):
-        bench.stage.status()
-    assert not bench.stage.homed
-
-
 def test_flags_that_do_not_trip_and_a_switch_that_is_not_wired_are_left_alone() -> None:
     own = {"tmcl": {"z": {"motor": 1, "far_switch": False}}}
     bench = bench_of(stage=own)
@@ -331,35 +297,6 @@ def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
 
 
 # --- reference search ---
-
-
-@pytest.mark.parametrize("counts", [200, -200, 201, -201])
-def test_a_search_that_ends_farther_than_half_a_millimeter_from_0_is_no_homing(counts: int) -> None:
-    ends = module.DEVICE.states["z is home"] | module.axis("z", most=2000, at=counts)  # type: ignore[operator]
-    bench = StageBench(replace(module.DEVICE, states={**module.DEVICE.states, "z is home": ends}))
-    near = abs(counts) == 200
-    with nullcontext() if near else raises(StageError, "did_not_home", axis="z", position=counts):
-        bench.stage.home()
-    assert bench.stage.homed is near
-
-
-@pytest.mark.parametrize("at", [400, -400, 401, -401])
-@pytest.mark.parametrize(("number", "home"), [(11, True), (10, False)])
-def test_the_home_switch_may_be_active_within_a_millimeter_of_home(at: int, number: int, home: bool) -> None:
-    """The other one nowhere."""
-    bench = StageBench(module.DEVICE, homed=True)
-    bench.wire.instead.update(module.axis("z", at=at) | {f"z GAP {number}".encode(): b"100 1"})  # type: ignore[operator]
-    with nullcontext() if home and abs(at) == 400 else raises(StageAlarm, "alarm", number=number, axis="z"):
-        bench.stage.status()
-
-
-def test_a_module_that_turns_again_after_its_search_is_not_home() -> None:
-    states = {**module.DEVICE.states}
-    states["z is home"] = {**states["z is home"], b"z RFS 2": (b"100 0", "z turns again")}
-    states["z turns again"] = module.axis("z", speed=100, most=2000)
-    bench = StageBench(replace(module.DEVICE, states=states))
-    with raises(StageError, "did_not_home", axis="z"):
-        bench.stage.home()
 
 
 def counting(bench: StageBench, asked: bytes, says: Callable[[int], bytes | None]) -> list[int]:

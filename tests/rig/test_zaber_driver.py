@@ -4,7 +4,6 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pytest
 
@@ -130,46 +129,11 @@ def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> N
     assert bench.devices.z.settings["limit.max"] == 16000
 
 
-@pytest.mark.parametrize(
-    ("change", "setting"),
-    [
-        (lambda chain: chain.z.settings.update(resolution=128), "resolution"),
-        (lambda chain: chain.z.settings.update(accel=1), "accel"),
-        (lambda chain: chain.x.settings.update({"limit.max": 100}), "limit.max"),
-        (lambda chain: chain.devices[1].settings.update(version="7.20"), "firmware"),
-        (lambda chain: chain.devices[1].settings.update(version="6.28"), "firmware"),
-        (lambda chain: chain.devices[1].settings.update(version="beta"), "firmware"),
-        (lambda chain: chain.devices[2].settings.update(version="7.24"), "firmware"),
-    ],
-)
-def test_a_device_that_is_set_otherwise_is_refused(change: Callable[[ZaberChain], Any], setting: str) -> None:
-    bench = bench_of(homed=False)
-    change(bench.devices)
-    with raises(StageError, "not_as_configured", setting=setting, port="wire"):
-        bench.stage.connect()
-
-
 @pytest.mark.parametrize("version", ["7.25", "7.25.3", "10.1"])
 def test_firmware_from_7_25_on_is_accepted(version: str) -> None:
     bench = bench_of(homed=False)
     bench.devices.devices[1].settings.update(version=version)
     assert version in bench.stage.connect()
-
-
-@pytest.mark.parametrize(
-    ("flag", "position", "homed"),
-    [
-        ("NI", 0, False), ("WR", 0, False), ("WH", 0, False), ("--", 2, False), ("--", -2, False),
-        ("WV", 0, True), ("NC", 0, True), ("--", 1, True), ("--", -1, True),
-    ],
-)  # fmt: skip
-def test_homing_that_ends_otherwise_than_at_home_is_no_homing(flag: str, position: int, homed: bool) -> None:
-    """Interrupted, without a home position, or more than a microstep from it."""
-    ends = {**chain.DEVICE.states["z is home"], **chain.axis(2, f"IDLE {flag}", position)}
-    bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z is home": ends}))
-    with nullcontext() if homed else raises(StageError, "did_not_home", axis="z", position=position):
-        bench.stage.home()
-    assert bench.stage.homed is homed
 
 
 @pytest.mark.parametrize("flag", ["WM", "FS"])
@@ -213,37 +177,6 @@ def test_a_device_without_checksums_is_refused() -> None:
 
 
 # --- what stops it ---
-
-TRIPS = ["FS", "FE", "FH", "FD", "FO", "FQ", "FR", "FT", "FF", "WS", "WL"]
-
-
-@pytest.mark.parametrize("flag", TRIPS)
-def test_a_fault_under_way_is_an_alarm_with_its_letters_and_stays_until_it_is_cleared(flag: str) -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    (bench.devices.z.warn if flag == "WS" else bench.devices.z.fail)(flag)
-    with raises(StageAlarm, "alarm", number=flag, axis="z"):
-        list(looks)
-    assert not bench.stage.homed
-    bench.stage.halt()
-    assert bench.stage.status().state == "Alarm"
-    with raises(StageAlarm, "alarm", number=flag):
-        bench.stage.home()
-    bench.devices.z.repair(flag) if flag in ("FH", "FD", "FO", "FF") else None
-    bench.stage.unlock()
-    bench.stage.home()
-    assert bench.stage.homed
-
-
-def test_a_stage_that_is_moved_while_it_stands_is_an_alarm_at_the_next_status() -> None:
-    bench = bench_of()
-    bench.devices.z.warn("WM")
-    with raises(StageAlarm, "alarm", number="WM", axis="z"):
-        bench.stage.status()
-    assert not bench.stage.homed
-    bench.stage.home()
-    assert bench.stage.homed
 
 
 @pytest.mark.parametrize("hides", ["WV", "WT"])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rig.devices.base import StageError, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, Shown, StageBytes
 
 X, Z = 1, 2
 Y_MM = -15.0  # set by hand, as the configuration says by default
@@ -84,6 +84,13 @@ UNHOMED_X = status(X, READY)
 GOING = {**status(Z, RUNNING), **stands(Z, HALF, HALF), **one("02 06 60 02 00 40", "slowing")}
 FLOOR = "FF FF D6 98"  # −26.5 mm, −10600 pulses
 
+
+def fault(word: str, codes: str, number: int | None = None) -> Shown:
+    """A status word under way and at rest; number: of an alarm."""
+    alarm = shown(Z, "22 03", f"{(number or 0) >> 8:02X} {(number or 0) & 255:02X}")
+    return Shown({**GOING, **status(Z, word), **alarm}, {**status(Z, word), **alarm}, (codes, codes, codes), number)
+
+
 RTU = StageBytes(
     name="leadshine_rtu",
     kind="leadshine",
@@ -134,6 +141,15 @@ RTU = StageBytes(
         "too many registers": Garbled(said("02 03 04 00 72 00 00"), StageError, "does_not_fit"),
         "cut short": Garbled(said("02 03 02 00 72"), StageTimeout, "incomplete", lambda f: f[:4]),
         "no such register": Garbled(said("02 83 02"), StageError, "refused"),
+    },
+    settings=[
+        (said("02 03 00 01 00 01"), said("02 03 02 27 10"), "pulses per turn"),
+        (said("01 03 00 01 00 01"), said("01 03 02 27 10"), "pulses per turn"),
+    ],
+    shows={
+        **{f"alarm {code:X}": fault(FAULT, "alarm", code) for code in (0xE0, 0xC0, 0xA1, 0x152, 0x240, 0x123)},
+        "disabled": fault(DISABLED, "not_enabled"),
+        "no longer homed": fault(READY, "was_reset"),
     },
     limit=Limit(
         -26.5,
