@@ -1,4 +1,4 @@
-"""Stages whose axes count steps (Zaber, Standa, Trinamic): driver and virtual devices, and a wire for their links."""
+"""Stages whose axes count steps: driver and virtual devices, and a wire for their links."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -71,31 +71,28 @@ def bench_of(kind: str, *, homed: bool = True, connected: bool = True, **tables:
 def _home_from_near(kind: str, stage: Stage, devices: Any) -> None:
     act = "search" if kind == "tmcl" else "_home"
     for axis in (devices.x, devices.z):
-        per_mm = 2 * axis._highest if kind == "standa" else axis._counts_per_mm
+        per_mm = PER_MM[kind](axis)
         start = -round(NEAR_MM * per_mm)
         axis._axis, axis._zero = DriveAxis(start), start
-        setattr(axis, act, partial(SEARCHES[kind], axis, per_mm))
+        setattr(axis, act, partial(_search, axis, per_mm))
     stage.home()
     for axis in (devices.x, devices.z):
         delattr(axis, act)
 
 
-def _zaber_searches(axis: Any, per_mm: float) -> None:
-    axis._ramp([(0.0, per_mm)], 1e6)
-    axis._searching = True
+PER_MM: dict[str, Callable[[Any], float]] = {
+    "zaber": lambda axis: axis._counts_per_mm,
+    "standa": lambda axis: 2 * axis._highest,  # half a millimeter beyond home
+    "tmcl": lambda axis: axis._counts_per_mm,
+    "leadshine": lambda axis: 400.0,
+}
 
 
-def _standa_searches(axis: Any, per_mm: float) -> None:
-    axis._searching, axis.flags = True, axis.flags & ~0x20
-    axis._ramp([(0.0, per_mm)], [60000, 60000])
-
-
-def _tmcl_searches(axis: Any, per_mm: float) -> None:
-    axis._ramp([(0.0, per_mm)])
-    axis._searching = True
-
-
-SEARCHES = {"zaber": _zaber_searches, "standa": _standa_searches, "tmcl": _tmcl_searches}
+def _search(axis: Any, per_mm: float) -> None:
+    """Home at once from near."""
+    if hasattr(axis, "flags"):
+        axis.flags &= ~0x20
+    axis._search([(0.0, per_mm)], 1e6, 1e6)
 
 
 class ScriptedWire(TimedWire):

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import StageError, StageNotHomed, StageTimeout
+from rig.devices.base import StageError, StageTimeout
 from rig.devices.counted_axis import AxisSpec
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive
@@ -191,14 +191,6 @@ def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
 
 
 MOVE_1_MM = [status(1, HOMED), stands(1), *started(1, "FF FF FE 70", "01 2C")]
-
-
-def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
-    there = homed([*MOVE_1_MM[:4], (MOVE_1_MM[4][0], "")])
-    with raises(StageTimeout, "no_reply", function="write", count=1, address="0x6002"):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
-    with raises(StageNotHomed, "not_homed", who="scripted: the stage"):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
 
 
 @pytest.mark.parametrize("word", range(7))

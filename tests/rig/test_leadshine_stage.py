@@ -8,18 +8,13 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import words
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
-    ALARM,
-    DISABLED,
-    FEEDBACK,
     HOMED,
     PR0,
-    RUN_PR0,
     RUNNING,
     TRIGGER,
     Bus,
@@ -45,26 +40,6 @@ VERBS: dict[str, Callable[[LeadshineStage], object]] = {
     "jog": lambda stage: stage.jog("z", -1.0, 1.0),
     "limit_depth": lambda stage: stage.limit_depth(-1.0),
 }
-
-
-@pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize(
-    ("word", "kind", "code", "fields"),
-    [
-        (ALARM, StageAlarm, "alarm", {"number": 0xE0}),
-        (DISABLED, StageError, "not_enabled", {"axis": "z", "drive": 2}),
-    ],
-    ids=["alarm", "disabled"],
-)
-def test_nothing_is_written_to_a_drive_that_would_not_obey(
-    bench: Make, verb: str, word: int, kind: type[StageError], code: str, fields: dict[str, Any]
-) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: word
-    bus.registers[Z, 0x2203] = 0xE0
-    with raises(kind, code, **fields):
-        VERBS[verb](stage)
-    assert bus.told == []
 
 
 @pytest.mark.parametrize(
@@ -98,29 +73,6 @@ def test_a_jog_does_not_begin_where_two_answers_differ(bench: Make) -> None:
     with raises(StageError, "answers_differ", axis="x", drive=1, once=4, again=5):
         stage.jog("x", -1.0, 1.0)
     assert bus.told == []
-
-
-@pytest.mark.parametrize(("verb", "register"), [("home", 0x600A), ("jog", 0x6200), ("move_to", 0x6200)])
-def test_a_stop_from_another_thread_before_the_trigger_is_the_last_word(
-    bench: Make, verb: str, register: int
-) -> None:
-    bus, stage = bench()
-    read = bus.read
-
-    def stopped_meanwhile(device: int, asked: int, count: int = 1) -> list[int]:
-        found = read(device, asked, count)
-        if asked == register:
-            bus.read = read  # type: ignore[method-assign]
-            stage.stop()
-        return found
-
-    bus.read = stopped_meanwhile  # type: ignore[method-assign]
-    with raises(StageError, "stopped", axis="z", drive=2):
-        VERBS[verb](stage)
-    triggers = [said for _, _, told, said in bus.told if told == 0x6002]
-    assert triggers == [[0x40]] * len(triggers)
-    assert triggers
-    assert not stage.homed
 
 
 @pytest.mark.parametrize("per_mm", [200.0, -200.0])
@@ -271,52 +223,6 @@ def test_a_drive_that_is_not_seen_to_run_has_homed_if_it_was_not_homed_meanwhile
     assert stage.homed
 
 
-@pytest.mark.parametrize(("off", "fine"), [(2, True), (-2, True), (3, False), (-3, False)])
-def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make, off: int, fine: bool) -> None:
-    """By its encoder; −1.0004 mm is pulse −1000."""
-    bus, stage = bench(per_mm=1000.0)
-    read = bus.read
-
-    def off_target(device: int, register: int, count: int = 1) -> list[int]:
-        return words(-1000 + off) if register == FEEDBACK else read(device, register, count)
-
-    bus.read = off_target  # type: ignore[method-assign]
-    if fine:
-        stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
-    else:
-        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0}
-        with raises(StageError, "not_there", axis="x", drive=1, **at):
-            stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
-    assert stage.homed is fine
-
-
-def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: RUNNING if bus.told and bus.told[-1][3] == [RUN_PR0] else HOMED
-    looks = stage.moving(x_mm=-10.0, speed_mm_s=1.0)
-    next(looks)
-    stage.stop()
-    with raises(StageError, "stopped", axis="x", drive=1):
-        next(looks)
-    assert not stage.homed
-
-
-# --- jogs ---
-
-
-def test_a_jog_goes_from_where_the_drive_stands(bench: Make) -> None:
-    """Wherever an earlier jog led; not where it runs."""
-    bus, stage = bench()
-    bus.stands(X, -400)
-    stage.jog("x", -1.0, 1.0)
-    bus.stands(X, -4000)
-    stage.jog("x", 0.5, 1.0)
-    bus.status = lambda device, t_s: RUNNING
-    with raises(StageOverridden, "overridden", axis="x"):
-        stage.jog("x", 0.5, 1.0)
-    assert bus.paths() == [(X, -800), (X, -3800)]
-
-
 # --- stopping ---
 
 
@@ -355,14 +261,6 @@ def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
     assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
 
 
-def test_an_alarm_that_lasts_is_not_unlocked(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status, bus.registers[Z, 0x2203] = lambda device, t_s: ALARM, 0xE0
-    with raises(StageAlarm, "alarm", number=0xE0, axis="z"):
-        stage.unlock()
-    assert not stage.homed
-
-
 def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
     bus, stage = bench()
     bus.trouble = ModbusRefused("refused with exception 3")
@@ -371,13 +269,3 @@ def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(
     with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
         stage.stop()
     assert {device for _, device, *_ in bus.told} == {X, Z}
-
-
-def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: VirtualClock) -> None:
-    bus, stage = bench()
-    bus.takes_s = 0.01
-    bus.status = lambda device, t_s: RUNNING
-    begun_s = clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=2.0):
-        stage.halt()
-    assert clock.monotonic_s() - begun_s == pytest.approx(2.0, abs=0.04)

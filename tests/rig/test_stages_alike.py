@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from rig.devices import standa_link, tmcl_link, zaber_link
 from rig.devices.base import MoveError, StageAlarm, StageError, StageOverridden, StageReset, StageTimeout
+from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
 from rig.devices.standa import StandaAxis
@@ -31,9 +32,11 @@ from tests.error_codes import raises
 BYTES: dict[str, StageBytes] = {
     "zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE, "leadshine": leadshine.RTU,
 }  # fmt: skip
-AXES: dict[str, type[Any]] = {"zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis}
+AXES: dict[str, type[Any]] = {
+    "zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis, "leadshine": LeadshineDrive,
+}  # fmt: skip
 every_kind = pytest.mark.parametrize("kind", AXES)
-every_table = pytest.mark.parametrize("kind", BYTES)
+own_link = pytest.mark.parametrize("kind", ["zaber", "standa", "tmcl"])
 
 
 def _bench(kind: str, **tables: Any) -> tuple[Bench, Any]:
@@ -92,7 +95,7 @@ NO_MOVES: list[tuple[str, dict[str, float]]] = [
 ]
 
 
-@every_table
+@every_kind
 def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
     """That axis has no drive; a move to where it was set by hand is none."""
     bench = StageBench(BYTES[kind], homed=True)
@@ -105,6 +108,15 @@ def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
             act()
     assert bench.wire.writes == []
     assert bench.stage.homed
+
+
+@pytest.mark.parametrize(("kind", "mm_s2"), [("zaber", 61.0), ("standa", 60.0), ("tmcl", 50.0), ("leadshine", 50.0)])
+def test_a_move_takes_the_time_of_its_speed_and_of_its_ramp(kind: str, mm_s2: float) -> None:
+    """And is looked at when it should have ended: an arrival is noticed within 0.1 s."""
+    bench, _ = _bench(kind)
+    begun_s = bench.clock.monotonic_s()
+    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / mm_s2, abs=0.1)
 
 
 @every_kind
@@ -124,6 +136,10 @@ def _steps(axis: str, per_mm: float) -> dict[str, Any]:
 
 def _reports(kind: str, axis: Any, change: Callable[[int], int]) -> None:
     """Let a device report other positions than those where it is."""
+    if kind == "leadshine":
+        shows = axis._shown
+        axis._shown = lambda: {**shows(), **dict(enumerate(words(change(axis.position())), FEEDBACK))}
+        return
     name = "parameter" if kind == "tmcl" else "position"
     tell = getattr(axis, name)
     setattr(axis, name, lambda *number: change(tell(*number)) if number in ((), (1,)) else tell(*number))
@@ -142,14 +158,19 @@ def test_an_arrival_is_within_2_5_um_or_a_microstep(kind: str, per_mm: float, wi
         next(looks)
         _reports(kind, z, lambda at, z=z, off=off: at if z.busy else at + off)  # type: ignore[misc]
         if abs(off) > within:
-            with raises(StageError, "not_there", target_mm=-2.0, at_mm=-2.0 - off / per_mm):
+            with raises(
+                StageError,
+                "not_there",
+                target_mm=-2.0,
+                at_mm=-2.0 - off / per_mm * (-1 if kind == "leadshine" else 1),
+            ):
                 list(looks)
         else:
             list(looks)
             assert bench.stage.homed
 
 
-@every_kind
+@own_link
 @pytest.mark.parametrize(("to_mm", "low_mm", "high_mm"), [(-2.5, -2.5, -2.0), (-1.5, -2.0, -1.5)])
 def test_a_move_that_leaves_its_way_by_more_than_an_arrival_may_is_stopped(
     kind: str, to_mm: float, low_mm: float, high_mm: float
@@ -371,7 +392,7 @@ def test_a_search_that_does_not_begin_within_a_second_is_no_homing(kind: str, la
     assert bench.stage.homed or bench.clock.monotonic_s() - sent_s < 1.1
 
 
-@every_table
+@every_kind
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
@@ -413,7 +434,10 @@ def test_a_stop_at_a_silent_port_is_an_error(kind: str, verb: str) -> None:
         getattr(bench.stage, verb)()
 
 
-STARTS = {b"2 1 home", b"1 1 home", b"z home", b"x home", b"z zero", b"x zero", b"z RFS 0", b"x RFS 0"}
+STARTS = {
+    b"2 1 home", b"1 1 home", b"z home", b"x home", b"z zero", b"x zero", b"z RFS 0", b"x RFS 0",
+    leadshine.said("02 06 60 02 00 20"), leadshine.said("01 06 60 02 00 20"),
+}  # fmt: skip
 """Commands that begin a search for home, or call the place where an axis stands home."""
 
 
@@ -464,6 +488,7 @@ SETS_OFF = {
     "zaber": [b"2 1 move abs 40 655", b"2 1 move rel 40 655"],
     "standa": [b"z move 10 0", b"z movr 10 0"],
     "tmcl": [b"z SAP 4 400"],
+    "leadshine": [],
 }
 """What begins a jog of 0.1 mm at 1 mm/s."""
 
@@ -482,7 +507,7 @@ class HangingLock:
         return False
 
 
-@every_kind
+@own_link
 def test_a_command_waits_for_another_thread_but_not_for_one_that_hangs(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -530,6 +555,7 @@ def test_a_status_says_whether_the_devices_count_from_home(kind: str) -> None:
 
 
 FAULTS: dict[str, Callable[[Any], object]] = {
+    "leadshine": lambda z: z.fault(0xE0),
     "zaber": lambda z: z.fail("FH"),
     "standa": lambda z: z.fail(0x200, lasting=True),
     "tmcl": lambda z: z.fail(2),
@@ -559,7 +585,7 @@ def test_a_fault_ends_homing(kind: str, name: str) -> None:
     assert not bench.stage.homed
 
 
-@every_kind
+@own_link
 def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
     bench, devices = _bench(kind)
     FAULTS[kind](devices.z)
@@ -571,7 +597,11 @@ def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "z_per_mm", "x_per_mm"),
-    [("zaber", 500.0, -400.0), ("standa", 51200.0, -25600.0), ("tmcl", 500.0, -400.0)],
+    [
+        ("zaber", 500.0, -400.0),
+        ("standa", 51200.0, -25600.0),
+        ("tmcl", 500.0, -400.0),
+    ],
 )
 def test_a_calibration_replaces_the_length_of_a_microstep(kind: str, z_per_mm: float, x_per_mm: float) -> None:
     measured = {"value": z_per_mm, "date": "2026-01-01", "expires": "2027-01-01"}

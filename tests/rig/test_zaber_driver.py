@@ -108,15 +108,6 @@ def commands(bench: Bench) -> list[str]:
 bench_of = partial(counted.bench_of, "zaber")
 
 
-def test_a_move_has_its_speed_and_its_ramp() -> None:
-    """10 mm at 2 mm/s; `accel` 4 is 61 mm/s²."""
-    bench = bench_of()
-    begun_s = bench.clock.monotonic_s()
-    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
-    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / 61, abs=0.05)
-    assert [words for words in commands(bench) if "move" in words] == ["2 1 move abs 4000 1310"]
-
-
 def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> None:
     bench = bench_of(homed=False)
     bench.stage.home()

@@ -52,6 +52,7 @@ READY, HOMED, RUNNING, FAULT, DISABLED = "00 32", "00 72", "00 46", "00 01", "00
 ZERO, HALF, THERE, ELSEWHERE = "00 00 00 00", "FF FF FE 0C", "FF FF FC 18", "FF FF FC 22"
 CREEP, SEARCH = "00 01 00 01 01 4D 01 4D", "01 2C 00 19 01 4D 01 4D"
 PATH = "00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00"  # absolute, −1000 pulses, 30 rpm, ramps of 333 ms
+JOG = "00 01 FF FF FF D8 00 3C 01 4D 01 4D 00 00"  # 0.1 mm down at 1 mm/s
 
 
 def usual(device: int, lowest: str, homing: str) -> Replies:
@@ -103,7 +104,7 @@ RTU = StageBytes(
         **shown(Z, "62 00", PATH),
         **one("02 06 60 02 00 10", "moving"),
         **several(f"02 10 60 08 00 02 04 {FLOOR}", "limited"),
-        **several("02 10 62 00 00 07 0E 00 01 FF FF FF D8 00 3C 01 4D 01 4D 00 00"),  # a jog, 0.1 mm
+        **several(f"02 10 62 00 00 07 0E {JOG}", "jog is set"),
         said("00 06 60 02 00 40"): (SILENCE, "rested"),
     },
     states={
@@ -121,6 +122,7 @@ RTU = StageBytes(
         "alarm": {**GOING, **status(Z, FAULT), **shown(Z, "22 03", "00 E0")},
         "slowing": {**GOING, said("02 03 10 03 00 01"): (said(f"02 03 02 {RUNNING}"), "rested")},
         "rested": stands(Z, HALF, HALF),
+        "jog is set": {**shown(Z, "62 00", JOG), **one("02 06 60 02 00 10", "moving")},
         "limited": shown(Z, "60 08", FLOOR),
     },
     where=said("02 03 10 03 00 01"),
