@@ -21,6 +21,7 @@ from rig.devices.base import (
     is_held,
     next_look_s,
 )
+from rig.devices.counted_axis import HALT_S, HOME_S, LATE_FACTOR, LATE_S, POLL_S
 from rig.devices.grbl_link import (
     ASK_TIMES,
     FULL,
@@ -58,16 +59,11 @@ from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import BenchSettings, StageBounds
 from rig.transport import Transport
 
-POLL_S = 0.02
-HOME_S = 180.0
-HALT_S = 2.0
 # Longer than one step at the slowest speed, 1 mm/min.
 STANDS_S = 0.5
 # A second 0x85 at the very end of a jog leaves GRBL 1.1h suspended: Idle, but it reads no line until `~` or a
 # reset.
 CANCEL_AGAIN_S = 0.5
-# A move may take this much longer than computed from length, speed and acceleration.
-LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
 # Attempts to have a line confirmed, in case noise corrupted it.
 ATTEMPTS = 3

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.clock import Clock
+from rig.devices import standa_link as frames
 from rig.devices.base import Stage, StageError
 from rig.devices.counted_axis import (
     POLL_S,
@@ -28,27 +29,7 @@ from rig.devices.counted_axis import (
     TwoAxisStage,
 )
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
-from rig.devices.standa_link import (
-    COMMAND,
-    EDGES,
-    ENGINE,
-    FAILED,
-    FORGETS_S,
-    HOMES,
-    HOMING,
-    LEFT,
-    MOVE,
-    MOVES,
-    POWER,
-    POWER_OFF,
-    RESERVED,
-    RIGHT,
-    SERIAL,
-    SPEED,
-    VERSION,
-    AxisStatus,
-    StandaLink,
-)
+from rig.devices.standa_link import AxisStatus, StandaLink
 from rig.settings import BenchSettings, StageSettings, StandaAxisSettings, StandaSettings
 from rig.transport.ports import may_be_renamed
 
@@ -110,22 +91,22 @@ class StandaAxis(CountedAxis[StandaLook]):
 
     def identify(self) -> str:
         self._ramps = None
-        (self.serial,) = self.link.ask("gser", SERIAL)
+        (self.serial,) = self.link.ask("gser", frames.SERIAL)
         if self._settings.serial is None and may_be_renamed(self.link.name):
             raise StageError(
                 f"{self.label}: this port may have another controller after the next start; set serial = "
                 f"{self.serial} under [stage.standa.{self.name}], or name the port as in /dev/serial/by-id",
                 "port_may_change",
             )
-        major, minor, release = self.link.ask("gfwv", VERSION)
+        major, minor, release = self.link.ask("gfwv", frames.VERSION)
         return f"Standa controller {self.serial}, firmware {major}.{minor}.{release}"
 
     def settings(self) -> Iterator[Setting]:
         yield Setting("serial number of the controller", self.serial, self._settings.serial or self.serial)
-        *_, engine, _, mode, _ = self.link.ask("geng", ENGINE)
-        borders, *_ = self.link.ask("geds", EDGES)
-        *_, homing = self.link.ask("ghom", HOMING)
-        *_, power = self.link.ask("gpwr", POWER)
+        *_, engine, _, mode, _ = self.link.ask("geng", frames.ENGINE)
+        borders, *_ = self.link.ask("geds", frames.EDGES)
+        *_, homing = self.link.ask("ghom", frames.HOMING)
+        *_, power = self.link.ask("gpwr", frames.POWER)
         microsteps = 1 << mode - 1 if 1 <= mode <= 9 else 0
         yield Setting("MicrostepMode of the controller", microsteps, self.microsteps)
         yield Setting("ENGINE_ACCEL_ON of the controller", bool(engine & ACCELERATES), True)
@@ -142,7 +123,7 @@ class StandaAxis(CountedAxis[StandaLook]):
     def _ramp(self) -> tuple[int, int]:
         """Return acceleration and deceleration of the controller, in full steps/s²."""
         if self._ramps is None:
-            _, _, up, down, *_ = self.link.ask("gmov", SPEED)
+            _, _, up, down, *_ = self.link.ask("gmov", frames.SPEED)
             self._ramps = up, down
         return self._ramps
 
@@ -150,12 +131,12 @@ class StandaAxis(CountedAxis[StandaLook]):
 
     def aim(self, target: Destination, speed: int) -> None:
         steps, part = divmod(speed, self.microsteps)
-        self.link.command("smov", SPEED.pack(steps, part, *self._ramp(), 0, 0, 0, 9 * RESERVED))
+        self.link.command("smov", frames.SPEED.pack(steps, part, *self._ramp(), 0, 0, 0, 9 * frames.RESERVED))
 
     def go(self, target: Destination, speed: int) -> None:
         counts = target.position if target.by is None else target.by
         steps = math.trunc(counts / self.microsteps)
-        payload = MOVE.pack(steps, counts - steps * self.microsteps, 6 * RESERVED)
+        payload = frames.MOVE.pack(steps, counts - steps * self.microsteps, 6 * frames.RESERVED)
         self.link.command("move" if target.by is None else "movr", payload)
 
     def has_arrived(self, found: StandaLook, target: int) -> bool:
@@ -174,7 +155,7 @@ class StandaAxis(CountedAxis[StandaLook]):
         self.link.command("home")
 
     def not_home(self, found: StandaLook) -> str | None:
-        if found.command == HOMES and not found.failed and LOST not in found.faults:
+        if found.command == frames.HOMES and not found.failed and LOST not in found.faults:
             return None
         return f"it is at {found.position} (command state {found.command})"
 
@@ -197,8 +178,8 @@ class StandaAxis(CountedAxis[StandaLook]):
             busy=status.busy,
             faults=tuple(self._faults(status)),
             at_switch=bool(status.inputs & EDGE[self._settings.home]),
-            command=status.command & COMMAND,
-            failed=bool(status.command & FAILED),
+            command=status.command & frames.COMMAND,
+            failed=bool(status.command & frames.FAILED),
         )
 
     def _faults(self, status: AxisStatus) -> Iterator[Fault]:
@@ -207,15 +188,15 @@ class StandaAxis(CountedAxis[StandaLook]):
             bits = [1 << bit for bit in range(self._alarms.bit_length()) if self._alarms >> bit & 1]
             names = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
             yield Fault(FaultKind.ALARM, names, "remove the cause, see its manual")
-        if not status.flags & HOMED or status.power == POWER_OFF:
+        if not status.flags & HOMED or status.power == frames.POWER_OFF:
             yield LOST
         far = "left" if self._settings.home == "right" else "right"
         if status.inputs & EDGE[far]:  # It lies outside the travel.
             yield Fault(FaultKind.DISPLACED, f"{far.upper()}_EDGE", "remove the cause, see its manual")
-        command = status.command & COMMAND
-        if status.inputs & BUTTONS or (status.busy and command in (LEFT, RIGHT)):
+        command = status.command & frames.COMMAND
+        if status.inputs & BUTTONS or (status.busy and command in (frames.LEFT, frames.RIGHT)):
             yield HELD
-        if command != MOVES:
+        if command != frames.MOVES:
             yield OVERRIDDEN
 
 
@@ -274,9 +255,9 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     """Ask for the serial number."""
     transport = opener(settings.stage.port)
     for _ in range(2):
-        clock.wait_s(FORGETS_S)  # The bytes of other probes may be the beginning of a command.
+        clock.wait_s(frames.FORGETS_S)  # The bytes of other probes may be the beginning of a command.
         with suppress(StageError):
-            (serial,) = StandaLink(transport, clock).ask("gser", SERIAL, tries=1)
+            (serial,) = StandaLink(transport, clock).ask("gser", frames.SERIAL, tries=1)
             return NumberedIdentity(f"Standa controller {serial}", serial)
     return None
 

@@ -62,8 +62,10 @@ def bench_of(kind: str, *, homed: bool = True, connected: bool = True, **tables:
     stage: Stage = stage_driver(stage_opener(config, line, noted), clock, config)
     if connected:
         stage.connect()
-    if homed:
+    if homed and kind in PER_MM:
         _home_from_near(kind, stage, devices)
+    elif homed:
+        stage.home()
     sent.clear()
     return Bench(clock, devices, stage, (line, *line.further), sent)
 

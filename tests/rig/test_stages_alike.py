@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig.devices import standa_link, tmcl_link, zaber_link
-from rig.devices.base import MoveError, StageAlarm, StageError, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
@@ -258,27 +258,6 @@ def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, A
     _accelerates(kind, devices.z, least - 1)
     with raises(StageError, "not_as_configured", axis="z", found=least - 1):
         bench.stage.connect()
-
-
-@every_kind
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_goes_so_far_and_stops_by_itself(kind: str, homed: bool) -> None:
-    """Each begins at rest: one that comes too early is refused, and the one before it goes on."""
-    bench, _ = _bench(kind, homed=homed)
-    low = bench.stage.status().z_mm
-    for _ in range(2):
-        bench.stage.jog("z", -0.5, 2.0)
-        bench.clock.wait_s(0.1)
-        with raises(StageOverridden, "overridden", axis="z"):
-            bench.stage.jog("z", -0.5, 2.0)
-        bench.clock.wait_s(2.0)
-        assert bench.stage.status().state == "Idle"
-    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-4 if kind == "standa" else 1e-6)
-    bench.stage.jog("z", -5.0, 2.0)
-    bench.clock.wait_s(0.2)
-    bench.stage.end_jog()
-    assert bench.stage.status().state == "Idle"
-    assert bench.stage.homed is homed
 
 
 def _motions(bench: StageBench) -> list[bytes]:
