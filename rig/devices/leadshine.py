@@ -4,6 +4,7 @@ from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
 from rig.devices.base import Stage, StageError
 from rig.devices.counted_axis import AxisSpec, TwoAxisStage
+from rig.devices.drive_link import both_answer
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DrivesSettings, StageSettings
@@ -118,15 +119,9 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     stage = settings.stage
     bus = ModbusMaster.on_port(opener(stage.port), clock, stage.port, framing=stage.framing, baud=stage.baud)
     ids = (stage.drives.x.device_id, stage.drives.z.device_id)
-    silent = [device_id for device_id in ids if not _answers(bus, device_id)]
-    if len(silent) == len(ids):
+    answers = {f"Leadshine drive {device_id}": _answers(bus, device_id) for device_id in ids}
+    if not both_answer(stage.port, answers, "one_drive", "set its port under [stage.drives]"):
         return None
-    if silent:
-        raise StageError(
-            f"{stage.port}: of the Leadshine drives {ids[0]} and {ids[1]}, only one answers; drive {silent[0]} "
-            "does not; check its power, cable and address, or set its port under [stage.drives]",
-            "one_drive",
-        )
     return f"Leadshine drives {ids[0]} and {ids[1]}"
 
 

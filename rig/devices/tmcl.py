@@ -10,6 +10,7 @@ in a module: all is lost at power-off.
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.clock import Clock
@@ -25,6 +26,7 @@ from rig.devices.counted_axis import (
     Setting,
     TwoAxisStage,
 )
+from rig.devices.drive_link import both_answer
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
@@ -276,25 +278,17 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     """Read the position of both motors, because the version query contains bytes on which other boards act."""
     own = settings.stage.own(TmclSettings)
     transport = opener(settings.stage.port)
-    motors = [Motor(axis.address, axis.motor) for axis in (own.x, own.z)]
-    silent = []
-    for motor in motors:
-        try:
+    answers = {}
+    for motor in (Motor(axis.address, axis.motor) for axis in (own.x, own.z)):
+        name = f"module {motor.address}, motor {motor.number}"
+        answers[name] = False
+        with suppress(StageError):
             # Two tries: no byte is sent that ends a frame.
             TmclLink(transport, clock, host=own.host_address).ask(motor, (POSITION,), tries=2)
-        except StageError:
-            silent.append(motor)
-    if len(silent) == len(motors):
+            answers[name] = True
+    if not both_answer(transport.name, answers, "one_motor", "set the addresses under [stage.tmcl]"):
         return None
-    named = [f"module {motor.address}, motor {motor.number}" for motor in motors]
-    if silent:
-        raise StageError(
-            f"{transport.name}: of the TMCL motors {named[0]} and {named[1]}, only one answers; "
-            f"{named[motors.index(silent[0])]} does not; check its power, cable and address, or set the addresses "
-            "under [stage.tmcl]",
-            "one_motor",
-        )
-    return f"TMCL {named[0]} and {named[1]}"
+    return "TMCL " + " and ".join(answers)
 
 
 DEVICE = StageKind(

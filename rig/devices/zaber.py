@@ -15,8 +15,9 @@ from contextlib import suppress
 from rig.clock import Clock
 from rig.devices.base import Stage, StageError
 from rig.devices.counted_axis import AxisSpec, CountedAxis, Destination, Fault, FaultKind, Look, Setting, TwoAxisStage
+from rig.devices.drive_link import READ_TRIES, both_answer
 from rig.devices.registry import Evidence, Opener, StageKind
-from rig.devices.zaber_link import NO_WARNING, READ_TRIES, Reply, ZaberLink
+from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
 
 # A stage that still moves so long after a stop gets an emergency stop.
@@ -233,17 +234,9 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
             continue
         with suppress(StageError):
             found[address] = ZaberLink(transport, clock).command(address, 0, "get deviceid").data
-    if not found:
+    answers = {f"Zaber device {one}": one in found for one in (own.x.address, own.z.address)}
+    if not both_answer(transport.name, answers, "one_device", "set the addresses under [stage.zaber]"):
         return None
-    if len(found) < len({own.x.address, own.z.address}):
-        (answers,) = found
-        silent = own.x.address + own.z.address - answers
-        raise StageError(
-            f"{transport.name}: of the Zaber devices {own.x.address} and {own.z.address}, only one answers; "
-            f"device {silent} does not; check its power, cable and address, or set the addresses under "
-            "[stage.zaber]",
-            "one_device",
-        )
     return "Zaber devices " + " and ".join(f"{address} (id {device_id})" for address, device_id in found.items())
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rig.devices import standa_link, tmcl_link, zaber_link
+from rig.devices import drive_link
 from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
@@ -492,8 +492,7 @@ def test_a_command_waits_for_another_thread_but_not_for_one_that_hangs(
 ) -> None:
     """For the time of two replies; then it goes out all the same."""
     waited_s = list[float]()
-    link: Any = {"zaber": zaber_link, "standa": standa_link, "tmcl": tmcl_link}[kind]
-    monkeypatch.setattr(link, "threading", SimpleNamespace(Lock=lambda: HangingLock(waited_s)))
+    monkeypatch.setattr(drive_link, "threading", SimpleNamespace(Lock=lambda: HangingLock(waited_s)))
     bench, _ = _bench(kind)
     bench.stage.move_to(z_mm=-1.0, speed_mm_s=2.0)
     assert set(waited_s) == {0.4}
