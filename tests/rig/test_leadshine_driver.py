@@ -164,13 +164,6 @@ def test_a_path_that_stays_is_refused(stage: Make) -> None:
 # --- homing and limits ---
 
 
-def test_when_one_drive_fails_to_home_both_are_stopped(stage: Make) -> None:
-    """A wrong bit in the address may have sent it home instead."""
-    script = [*BEFORE, *homing(2, "FF FF C1 80")[:4], ("02 06 60 02 00 20", ""), STOP]
-    with raises(StageTimeout, "no_reply", device=2, function="write"):
-        stage(script).home()
-
-
 def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
     """Limits change places, and positions their sign: 40 mm down is +16000 pulses."""
     d = homing(2, "00 00 00 00")[:9]

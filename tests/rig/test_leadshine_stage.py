@@ -10,7 +10,7 @@ import pytest
 
 from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
     HOMED,
@@ -139,16 +139,6 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     assert stage.homed
 
 
-@pytest.mark.parametrize("device", [X, Z])
-def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make, device: int) -> None:
-    bus, stage = bench()
-    bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
-    with raises(StageReset, "was_reset", drive=device):
-        stage.look()
-    seen = stage.look()
-    assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
-
-
 # --- the rest ---
 
 
@@ -259,13 +249,3 @@ def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
     bus.told.clear()
     stage.halt()
     assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
-
-
-def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
-    bus, stage = bench()
-    bus.trouble = ModbusRefused("refused with exception 3")
-    with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
-        stage.halt()
-    with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
-        stage.stop()
-    assert {device for _, device, *_ in bus.told} == {X, Z}

@@ -371,6 +371,25 @@ def test_a_search_that_does_not_begin_within_a_second_is_no_homing(kind: str, la
     assert bench.stage.homed or bench.clock.monotonic_s() - sent_s < 1.1
 
 
+STOPS = {
+    "zaber": [b"0 0 stop"], "standa": [b"z stop", b"x stop"], "tmcl": [b"z MST 0", b"x MST 0"],
+    "leadshine": [leadshine.said("00 06 60 02 00 40")],
+}  # fmt: skip
+
+
+@every_kind
+def test_homing_that_fails_sends_a_stop_to_both_axes(kind: str) -> None:
+    """A wrong address may have sent the other one home instead."""
+    bench = _staying(kind, "z homes")
+    looks = bench.stage.homing()
+    next(looks)
+    bench.wire.silent = True
+    with raises(StageTimeout, "no_reply"):
+        list(looks)
+    assert bench.wire.asked[-len(STOPS[kind]) :] == STOPS[kind]
+    assert not bench.stage.homed
+
+
 @every_kind
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)

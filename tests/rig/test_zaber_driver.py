@@ -1,6 +1,5 @@
 """The Zaber driver byte for byte: transcripts of the maker's client, faults, retries; and the virtual chain."""
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -10,13 +9,10 @@ import pytest
 from rig.devices.base import (
     StageAlarm,
     StageError,
-    StageHeld,
-    StageOverridden,
     StageTimeout,
 )
 from rig.devices.zaber_link import ZaberLink, checksum, frame
 from sim.devices.clock import VirtualClock
-from sim.devices.zaber import ZaberChain
 from tests.contracts import counted
 from tests.contracts.bytes import zaber as chain
 from tests.contracts.counted import Bench, ScriptedWire
@@ -160,13 +156,6 @@ def test_a_list_of_warnings_of_another_length_is_not_believed(listed: bytes) -> 
         bench.stage.status()
 
 
-def test_a_device_without_checksums_is_refused() -> None:
-    bench = bench_of(homed=False)
-    bench.devices.devices[1].settings["comm.checksum"] = "0"
-    with raises(StageError, "no_checksum"):
-        bench.stage.connect()
-
-
 # --- what stops it ---
 
 
@@ -192,41 +181,7 @@ def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
         list(looks)
 
 
-@pytest.mark.parametrize(
-    ("kind", "code", "act"),
-    [
-        (StageHeld, "held", lambda chain: chain.z.turn_knob(200)),
-        (StageOverridden, "overridden", lambda chain: chain.z.obey(["move", "abs", "400"])),
-    ],
-)
-def test_the_knob_and_another_program_end_a_move_and_the_position_stays_trusted(
-    kind: type[StageError], code: str, act: Callable[[ZaberChain], object]
-) -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    act(bench.devices)
-    with raises(kind, code):
-        list(looks)
-    bench.stage.halt()
-    assert bench.stage.homed
-    bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
-
-
 # --- stop ---
-
-
-def test_a_stop_is_one_write_to_the_whole_chain_and_is_confirmed() -> None:
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
-    bench.sent.clear()
-    asked_s = bench.clock.monotonic_s()
-    bench.stage.stop()
-    assert bench.sent[0][0] == asked_s
-    assert commands(bench)[0] == "0 0 stop"
-    assert not [words for words in commands(bench) if "estop" in words]
-    assert not bench.stage.homed
-    assert bench.stands()
 
 
 def test_a_stop_that_is_lost_with_the_next_question_is_repeated() -> None:
