@@ -468,6 +468,28 @@ def test_a_stop_that_overtakes_homing_starts_nothing(kind: str, nth: int, monkey
 
 
 @every_kind
+def test_a_stop_at_the_very_end_of_homing_leaves_the_stage_untrusted(kind: str) -> None:
+    bench = StageBench(BYTES[kind])
+    x: Any = bench.stage._axes["x"]  # type: ignore[attr-defined]
+    finish = x.finish_homing
+    x.finish_homing = lambda: (finish(), bench.stage.stop())
+    bench.stage.home()
+    assert not bench.stage.homed
+
+
+@every_kind
+def test_a_motion_that_an_earlier_program_left_is_ended_before_homing_begins(kind: str) -> None:
+    bench = StageBench(BYTES[kind])
+    bench.wire.state = "moving"
+    with suppress(StageError):
+        bench.stage.home()
+    asked = bench.wire.asked
+    assert bench.device.halt in asked
+    assert not STARTS & {*asked[: asked.index(bench.device.halt)]}
+    assert STARTS & {*asked}
+
+
+@every_kind
 @pytest.mark.parametrize(
     ("verb", "nth"), [*(("move", nth) for nth in range(5)), *product(["jog", "jog unhomed"], range(1))]
 )
