@@ -83,6 +83,15 @@ def test_what_came_before_is_not_the_reply() -> None:
     assert wire.sent == [b"gser"]
 
 
+@pytest.mark.parametrize(
+    "first", [[], [ANSWER[:9]], [ANSWER[:-1] + b"x"]], ids=["lost", "cut short", "a wrong checksum"]
+)
+def test_zero_bytes_clear_the_line_after_a_reply_that_was_lost_or_garbled(first: list[bytes]) -> None:
+    wire, link = linked(first, [ANSWER])
+    assert link.ask("gser", SERIAL) == (4711,)
+    assert wire.sent == [b"gser", ZEROS, b"gser"]
+
+
 # --- the stage on the virtual controllers ---
 
 

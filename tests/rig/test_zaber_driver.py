@@ -9,6 +9,7 @@ import pytest
 from rig.devices.base import (
     StageAlarm,
     StageError,
+    StageRejected,
     StageTimeout,
 )
 from rig.devices.zaber_link import ZaberLink, checksum, frame
@@ -61,6 +62,13 @@ def test_other_lines_and_late_replies_are_passed_over() -> None:
     assert link.ask(1, 1, "get pos").data == "4711"
     assert wire.sent == [frame(1, 1, 0, "get pos")]
     assert link.alerts == {(2, 1): "FS"}
+
+
+def test_a_refused_question_is_not_repeated() -> None:
+    wire, link = linked([sealed("@01 1 00 RJ IDLE -- BADCOMMAND")], [sealed("@01 1 01 OK IDLE -- 1")])
+    with raises(StageRejected, "line_refused", number="BADCOMMAND"):
+        link.ask(1, 1, "get pos")
+    assert wire.sent == [frame(1, 1, 0, "get pos")]
 
 
 def test_an_id_without_a_reply_is_not_used_again_soon() -> None:
