@@ -4,8 +4,10 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from rig.devices.counted_axis import AxisSpec
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive, number, words
+from rig.devices.registry import KnownBench
 from rig.settings import DriveSettings
 from sim.devices.clock import VirtualClock
 
@@ -84,8 +86,8 @@ def homed_stage(
     for device, axis in ((X, "x"), (Z, "z")):
         settings = DriveSettings(device_id=device, **(drive or {}))
         bus.registers[device, 1] = settings.pulses_per_rev
-        drives.append(LeadshineDrive(bus, clock, axis, settings, pulses_per_mm=per_mm, travel_mm=60.0))
-    stage = LeadshineStage(*drives, **{"inputs_register": 0x0179, **options})
+        drives.append(LeadshineDrive(bus, clock, AxisSpec(axis, per_mm, 60.0), settings))
+    stage = LeadshineStage(*drives, KnownBench.model_validate({"stage": {"kind": "leadshine"}, **options}))
     stage.connect()
     stage.home()
     bus.asked.clear()

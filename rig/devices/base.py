@@ -360,9 +360,9 @@ class Stage(Protocol):
 
     @abstractmethod
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Jog an axis by a distance and return at once.
+        """Jog an axis at rest by a distance and return at once; its position need not be known.
 
-        The stage stops after this distance, even if the program sends nothing more.
+        The stage stops after this distance, even if the program sends nothing more. `end_jog` ends it earlier.
 
         Parameters
         ----------
@@ -382,16 +382,17 @@ class Stage(Protocol):
         """
         ...
 
-    @abstractmethod
     def end_jog(self) -> None:
-        """Stop jogging and return at rest; the position stays trusted.
+        """Stop a jog and return at rest; the position stays as trusted as before. The default halts.
 
         Raises
         ------
         StageError
             If the stage does not come to rest.
+        TransportError
+            If the port fails.
         """
-        ...
+        self.halt()
 
     @abstractmethod
     def set_output(self, on: bool) -> None:

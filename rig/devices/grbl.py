@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NoReturn
 
@@ -22,6 +21,7 @@ from rig.devices.base import (
     is_held,
     next_look_s,
 )
+from rig.devices.counted_axis import HALT_S, HOME_S, LATE_FACTOR, LATE_S, POLL_S
 from rig.devices.grbl_link import (
     ASK_TIMES,
     FULL,
@@ -62,16 +62,11 @@ from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import BenchSettings, StageBounds
 from rig.transport import Transport
 
-POLL_S = 0.02
-HOME_S = 180.0
-HALT_S = 2.0
 # Longer than one step at the slowest speed, 1 mm/min.
 STANDS_S = 0.5
 # A second 0x85 at the very end of a jog leaves GRBL 1.1h suspended: Idle, but it reads no line until `~` or a
 # reset.
 CANCEL_AGAIN_S = 0.5
-# A move may take this much longer than computed from length, speed and acceleration.
-LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
 # Attempts to have a line confirmed, in case noise corrupted it.
 ATTEMPTS = 3
@@ -81,14 +76,6 @@ UNHOMED_ROOM_MM = 1.0
 PROBE_S = 2.5
 # Two pairs of an alarm and the banner after it.
 NEWS = 4
-
-
-@dataclass(frozen=True)
-class Jogged:
-    """Jog in progress: axis, and target height (machine mm) if it moves down."""
-
-    axis: Axis
-    down_to_mm: float | None = None
 
 
 class GrblStage(Stage):
@@ -116,8 +103,7 @@ class GrblStage(Stage):
         self._backlash_mm = backlash_mm
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
-        self._jogged: Jogged | None = None  # while jogging
-        self._at_rest = False  # by the last status, if no jog was sent since
+        self._jogs = False  # whether a jog was sent, and no status since showed that it is over
         self._to_origin = False  # whether a homed board counts from where homing ends
         self._unlimited = False  # whether allow_unhomed_jogs() switched the soft limits off
 
@@ -191,7 +177,6 @@ class GrblStage(Stage):
         It is trusted again only if the board reported homing and rests where homing ends. An `ok` alone may belong
         to `$X`, which differs from `$H` by one bit.
         """
-        self._jogged = None
         if not self._link.in_step:
             self._link.reset()
         self._link.refuse_interference(self.status().state)
@@ -227,7 +212,6 @@ class GrblStage(Stage):
         self._link.trusted = True
 
     def unlock(self) -> None:
-        self._jogged = None
         self._link.recover()
         self._link.command("$X")
 
@@ -236,7 +220,6 @@ class GrblStage(Stage):
 
         A board that was switched on believes that it is at the upper end of its travel. Raises StageError.
         """
-        self._jogged = None
         self._link.recover()
         at = self._status()
         self._link.refuse_interference(at.state)
@@ -248,8 +231,9 @@ class GrblStage(Stage):
     def status(self) -> StageStatus:
         """Return the status. Raises StageError, also if a jog is held or overridden at the controller."""
         now = self._status()
-        if self._jogged is not None:
+        if self._jogs:
             self._link.refuse_interference(now.state)
+            self._jogs = now.state == "Jog"
         return now
 
     def _status(self) -> StageStatus:
@@ -266,7 +250,6 @@ class GrblStage(Stage):
                 )
             fields = self._link.ask_status()
         self._last = fields.machine or machine_from(fields.work, self._link.offset)
-        self._at_rest = fields.state == "Idle"
         return StageStatus(fields.state, *self._last)
 
     def moving(
@@ -295,7 +278,6 @@ class GrblStage(Stage):
 
     def _going(self, target: dict[str, float], speed_mm_s: float, look_s: float) -> Looks:
         self._link.refuse_interference("")
-        self._jogged = None
         was = self._begin(
             "G1" + "".join(f"{axis}0" for axis in target),
             lambda present: self._to(target, present),
@@ -312,9 +294,7 @@ class GrblStage(Stage):
         )
         return (x, y, z)
 
-    def _begin(
-        self, trigger: str, coordinates: Callable[[Xyz], Xyz], speed_mm_s: float, *, confirm_modes: bool = False
-    ) -> Xyz:
+    def _begin(self, trigger: str, coordinates: Callable[[Xyz], Xyz], speed_mm_s: float) -> Xyz:
         """Set work zero, send the trigger once the board has confirmed it, and return the start position.
 
         Nothing moves without the confirmation. Raises StageError.
@@ -326,9 +306,7 @@ class GrblStage(Stage):
                 self._status()
             present = self._present()
             try:
-                doubt = doubt_about_zero(
-                    self._link, self._settings, present, coordinates(present), speed_mm_s, confirm_modes=confirm_modes
-                )
+                doubt = doubt_about_zero(self._link, self._settings, present, coordinates(present), speed_mm_s)
                 if doubt is None:
                     self._link.command(trigger, look_s=LOOK_S)
                     return present
@@ -416,67 +394,33 @@ class GrblStage(Stage):
         return sign * self._settings[STEPS_PER_MM + "xyz".index(axis)]
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Send `$J=` to a board that is idle or jogging; before a jog down, wait until the board is at rest.
+        """Send `$J=` to an idle board, to a work zero that the board has confirmed.
 
-        A jog down, and a jog up from rest, goes to a work zero that the board has confirmed. During a lateral or
-        upward jog a line cannot be confirmed. Each therefore contains Z, so that no single bit error makes the
-        stage go down. One bit can still turn that Z into X: if the indentor may touch the finger, jog up in slices
-        from rest. Raises StageError; MoveError before any byte.
+        No single bit error makes the stage go down: the other axes have their work zero where they are. Raises
+        StageError; MoveError before any byte.
         """
         refuse_move({axis: by_mm}, speed_mm_s)
         self._link.refuse_interference("")
-        before, at_rest, self._at_rest = self._jogged, self._at_rest, False
-        if axis == "z" and (by_mm < 0 or at_rest or before != Jogged("z")):
-            self._jog_to_zero(by_mm, speed_mm_s)
-            return
-        line = f"$J=G91{'' if axis == 'z' else 'Z0'}{axis.upper()}{number(by_mm)}{feed_word(speed_mm_s)}"
-        if before == Jogged(axis):
-            self._link.command(line, look_s=LOOK_S)
-            return
-        if before is not None:
-            self._end_of(before)
-        self._jogged = Jogged(axis)
-        self._begin(line, lambda _: (0.0, 0.0, 0.0), speed_mm_s, confirm_modes=True)
-
-    def _jog_to_zero(self, by_mm: float, speed_mm_s: float) -> None:
-        if self._jogged is not None:
-            self._end_of(self._jogged)
-        self._jogged = Jogged("z")
-        start = self._begin(
-            f"$J=Z0{feed_word(speed_mm_s)}", lambda at: self._to({"Z": at[2] + by_mm}, at), speed_mm_s
+        name, at = axis.upper(), "xyz".index(axis)
+        self._jogs = True
+        self._begin(
+            f"$J={name}0{feed_word(speed_mm_s)}",
+            lambda present: self._to({name: present[at] + by_mm}, present),
+            speed_mm_s,
         )
-        if by_mm < 0:
-            self._jogged = Jogged("z", start[2] + by_mm)
-
-    def _end_of(self, jog: Jogged) -> None:
-        """Wait until a jog ends. Raises StageError if a jog down ended short of its target."""
-        deadline_s = self._clock.monotonic_s() + LATE_S
-        while (now := self.status()).state == "Jog":
-            if self._clock.monotonic_s() >= deadline_s:
-                raise self._still_jogging(LATE_S)
-            self._listen(POLL_S)
-        target = {} if jog.down_to_mm is None else {"Z": jog.down_to_mm}
-        missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
-        if missed:
-            raise StageError(
-                f"{self._transport.name}: the jog was stopped at the controller: {missed}", "jog_stopped"
-            )
-
-    def _still_jogging(self, timeout_s: float) -> StageTimeout:
-        return StageTimeout(f"{self._transport.name}: the stage still jogs after {timeout_s:g} s", "still_jogging")
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """Send 0x85 until the board is at rest, since a cancel before the jog begins is lost.
 
-        A board that reports Jog at a constant position, as some grblHAL do after a cancel, is at rest. Raises
-        StageError, also if a line may still wait in the board.
+        A reset, as in `halt`, would lock some boards before homing. A board that reports Jog at a constant position,
+        as some grblHAL do after a cancel, is at rest. Raises StageError, also if a line may still wait in the board.
         """
         if not self._link.in_step:
             raise StageError(
                 f"{self._transport.name}: a command may still wait in the board; stop the stage", "line_waits"
             )
         deadline_s = self._clock.monotonic_s() + timeout_s
-        self._jogged = None
+        self._jogs = False
         self._link.send_now(JOG_CANCEL)
         stood_at, stood_s, sent_s = None, 0.0, self._clock.monotonic_s()
         while (now := self.status()).state == "Jog":
@@ -486,7 +430,9 @@ class GrblStage(Stage):
             if now_s - stood_s >= STANDS_S:
                 return
             if now_s >= deadline_s:
-                raise self._still_jogging(timeout_s)
+                raise StageTimeout(
+                    f"{self._transport.name}: the stage still jogs after {timeout_s:g} s", "still_jogging"
+                )
             self._listen(POLL_S)
             if self._clock.monotonic_s() - sent_s >= CANCEL_AGAIN_S:
                 sent_s = self._clock.monotonic_s()

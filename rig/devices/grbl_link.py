@@ -24,6 +24,7 @@ from rig.devices.base import (
     StageTimeout,
     is_held,
 )
+from rig.devices.counted_axis import travel_s
 from rig.settings import SLOWEST_MM_S, BenchSettings, StageBounds
 from rig.transport import LineReader, Transport
 
@@ -191,14 +192,6 @@ def parse_modes(printed: Iterable[str]) -> tuple[frozenset[str], float | None]:
             with suppress(ValueError):
                 return frozenset(words), float(feeds[0]) if feeds else None
     return frozenset(), None
-
-
-def travel_s(mm: float, speed: float, accel: float) -> float:
-    """Return the travel time (s) from rest to rest over a length (mm), at mm/s and mm/s²."""
-    ramp_mm = speed * speed / accel
-    if mm <= ramp_mm:
-        return 2 * math.sqrt(mm / accel)
-    return mm / speed + speed / accel
 
 
 def _overrides(text: str | None) -> Overrides | None:
@@ -630,13 +623,7 @@ def offset_line(coordinates: Xyz, speed_mm_s: float) -> str:
 
 
 def doubt_about_zero(
-    link: GrblLink,
-    board: Mapping[int, float],
-    present: Xyz,
-    coordinates: Xyz,
-    speed_mm_s: float,
-    *,
-    confirm_modes: bool,
+    link: GrblLink, board: Mapping[int, float], present: Xyz, coordinates: Xyz, speed_mm_s: float
 ) -> str | None:
     """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 
@@ -647,7 +634,7 @@ def doubt_about_zero(
     link.void_offset()  # also if the board refuses the line
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
     link.void_offset()
-    if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
+    if max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
         printed = link.command("$G", look_s=LOOK_S)
         if (doubt := _doubt_about_modes(printed, 60 * speed_mm_s)) is not None:
             return doubt

@@ -10,51 +10,28 @@ The command `stop` also clears an alarm of the controller. An alarm that was see
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 
 from rig.clock import Clock
-from rig.devices.base import (
-    Looks,
-    Stage,
-    StageAlarm,
-    StageError,
-    StageHeld,
-    StageOverridden,
-    StageReset,
-    StageTimeout,
+from rig.devices import standa_link as frames
+from rig.devices.base import Stage, StageError
+from rig.devices.counted_axis import (
+    POLL_S,
+    AxisSpec,
+    CountedAxis,
+    Destination,
+    Fault,
+    FaultKind,
+    Look,
+    Setting,
+    TwoAxisStage,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome, travel_s, whole_speed
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
-from rig.devices.standa_link import (
-    COMMAND,
-    EDGES,
-    ENGINE,
-    FAILED,
-    FORGETS_S,
-    HOMES,
-    HOMING,
-    LEFT,
-    MOVE,
-    MOVES,
-    POWER,
-    POWER_OFF,
-    RESERVED,
-    RIGHT,
-    SERIAL,
-    SPEED,
-    VERSION,
-    AxisStatus,
-    StandaLink,
-)
+from rig.devices.standa_link import AxisStatus, StandaLink
 from rig.settings import BenchSettings, StageSettings, StandaAxisSettings, StandaSettings
 from rig.transport.ports import may_be_renamed
-
-HOME_S = 180.0
-# A move may take this much longer than computed from length, speed and acceleration.
-LATE_FACTOR, LATE_S = 1.5, 5.0
-STOP_S, HALT_S = 1.0, 2.0
-TOLERANCE_MM = 2.5e-3
 
 HOMED = 0x20
 HARMLESS = HOMED | 0x17
@@ -77,7 +54,10 @@ ALARMS = {
     0x00800000: "ENGINE_RESPONSE_ERROR",
     0x01000000: "EXTIO_ALARM",
 }
-"""Names of the status flags without `STATE_`."""
+"""Names of the status flags without `STATE_`; each is an alarm."""
+LOST = Fault(FaultKind.LOST, "HOMED", "is no longer homed, or its motor is off")
+HELD = Fault(FaultKind.HELD, "BUTTON", "")
+OVERRIDDEN = Fault(FaultKind.OVERRIDDEN, "", "another program has interrupted the motion")
 EDGE = {"right": 0x1, "left": 0x2}
 BUTTONS = 0xC
 STOPS_AT_EDGES, EDGES_ARE_POSITIONS = 0x6, 0x1
@@ -86,338 +66,142 @@ SWITCHES_OFF = 0x02
 HOMES_RIGHT, HOMES_TO_LIMIT = 0x0001, 0x0030
 
 
-class StandaAxis(WatchedAxis[AxisStatus]):
-    """One controller, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
+@dataclass(frozen=True, slots=True)
+class StandaLook(Look):
+    """State of an axis; command: the last one that the controller has begun, failed: whether it did not succeed."""
 
-    def __init__(
-        self,
-        link: StandaLink,
-        clock: Clock,
-        name: str,
-        settings: StandaAxisSettings,
-        *,
-        counts_per_mm: float,
-        least_acceleration_mm_s2: float,
-    ) -> None:
-        self.name, self.microsteps = name, settings.microsteps
-        self._link, self._clock, self._settings = link, clock, settings
-        self._counts_per_mm = counts_per_mm
-        self._least_acceleration_mm_s2 = least_acceleration_mm_s2
-        self._sign = 1 if settings.home == "right" else -1
+    command: int = 0
+    failed: bool = False
+
+
+class StandaAxis(CountedAxis[StandaLook]):
+    """One controller."""
+
+    halt_again_s, stop_again_s = math.inf, 2 * POLL_S
+    link: StandaLink
+
+    def __init__(self, link: StandaLink, clock: Clock, spec: AxisSpec, settings: StandaAxisSettings) -> None:
+        super().__init__(link, clock, spec, acceleration_unit=1 / settings.microsteps)
+        self.microsteps, self._settings = settings.microsteps, settings
         self.serial: int | None = None  # of the connected controller
         self._ramps: tuple[int, int] | None = None
-        self._alarm = ""
-        self._jogs_to: int | None = None
+        self._alarms = 0
 
-    @property
-    def steps_per_mm(self) -> float:
-        """Microsteps for each mm, negative if the axis homes to the left switch."""
-        return self._sign * self._counts_per_mm
+    # --- settings ---
 
-    def connect(self) -> str:
-        """Compare the controller with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = self._ramps = None
-        (serial,) = self._link.ask("gser", SERIAL)
-        self.serial = serial
-        self._refuse_another(serial)
-        major, minor, release = self._link.ask("gfwv", VERSION)
-        *_, engine_flags, _, mode, _ = self._link.ask("geng", ENGINE)
-        borders, *_ = self._link.ask("geds", EDGES)
-        *_, homing_flags = self._link.ask("ghom", HOMING)
-        *_, power_flags = self._link.ask("gpwr", POWER)
-        microsteps = 1 << mode - 1 if 1 <= mode <= 9 else 0
-        for name, found, expected in (
-            ("MicrostepMode", microsteps, self.microsteps),
-            ("ENGINE_ACCEL_ON", bool(engine_flags & ACCELERATES), True),
-            ("ENGINE_ANTIPLAY", bool(engine_flags & ANTIPLAY), False),
-            ("BORDER_STOP_LEFT and _RIGHT", borders & STOPS_AT_EDGES, STOPS_AT_EDGES),
-            ("BORDER_IS_ENCODER", bool(borders & EDGES_ARE_POSITIONS), False),
-            ("HOME_DIR_FIRST", "right" if homing_flags & HOMES_RIGHT else "left", self._settings.home),
-            ("HOME_STOP_FIRST_BITS", homing_flags & HOMES_TO_LIMIT, HOMES_TO_LIMIT),
-            ("POWER_OFF_ENABLED", bool(power_flags & SWITCHES_OFF), False),
-        ):
-            if found != expected:
-                self._refuse_setting(name, found, expected)
-        for name, steps_s2 in zip(("Accel", "Decel"), self._ramp(), strict=True):
-            least = self._least_acceleration_mm_s2 * self._counts_per_mm / microsteps
-            if steps_s2 < least:
-                self._refuse_setting(name, steps_s2, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
-        return f"{self.name}: Standa controller {serial}, firmware {major}.{minor}.{release}"
-
-    # --- motion ---
-
-    def homing(self, keep_on: Callable[[], bool]) -> Iterator[AxisStatus]:
-        """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
-        self._jogs_to = None
-        before = self._at(self.look())
-        if not keep_on():
-            raise self._stopped()
-        self._link.command("home")
-        way = WayHome()
-
-        def look() -> tuple[AxisStatus, bool]:
-            nonlocal before
-            status = self.look()
-            self.refuse_alarm(status)
-            at, before = before, self._at(status)
-            up_mm = (before - at) / self.steps_per_mm
-            if way.is_wrong(up_mm, at_switch=bool(status.inputs & EDGE[self._settings.home])):
-                self._link.send_now("stop")
-                raise self._homes_the_wrong_way()
-            return status, not status.busy
-
-        yield from self._until(look, HOME_S, 0.0, "homing")
-        status = self.look()
-        if status.busy or status.command != HOMES or not status.flags & HOMED:
-            raise self._not_homed(status)
-        if not keep_on():
-            raise self._stopped()
-        self._link.command("zero")
-        status = self.look()
-        if not status.flags & HOMED or status.steps or status.microsteps:
-            raise self._not_homed(status)
-
-    def moving(
-        self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float
-    ) -> Iterator[AxisStatus]:
-        """Move to a position at a speed; yield each look, until arrival.
-
-        A motion that leaves the way from start to target is stopped. Raises StageError; MoveError before any byte.
-        """
-        target = self._counts(to_mm)
-        self._jogs_to = None
-        start = self._standing()
-        self._set_speed(speed_mm_s)
-        if not keep_on():
-            raise self._stopped()
-        self._link.command("move", self._payload(target))
-        low, high = sorted((start, target))
-
-        def look() -> tuple[AxisStatus, bool]:
-            status = self.look()
-            if not keep_on():
-                raise self._stopped()
-            self._refuse_interference(status, MOVES)
-            at = self._at(status)
-            if not low - self._tolerance <= at <= high + self._tolerance:
-                self._link.send_now("stop")
-                raise self._not_there(at, to_mm)
-            return status, not status.busy
-
-        mm = abs(target - start) / self._counts_per_mm
-        acceleration_mm_s2 = min(self._ramp()) * self.microsteps / self._counts_per_mm or math.inf
-        expected_s = travel_s(mm, speed_mm_s, acceleration_mm_s2)
-        what = f"the move to {to_mm:g} mm"
-        yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
-        for last in (False, True):  # A late reply may be an old one.
-            status = self.look()
-            away = status.busy or status.command & FAILED or abs(self._at(status) - target) > self._tolerance
-            if away and last:
-                raise self._not_there(self._at(status), to_mm)
-            if not away:
-                return
-
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
-        """Extend the present motion by a distance, and return at once.
-
-        Without a trusted position the controller counts from where it stands, so a previous jog ends first. Raises
-        StageError.
-        """
-        by = round(self.steps_per_mm * by_mm)
-        status = self.look()
-        self.refuse_alarm(status)
-        going_to, self._jogs_to = self._jogs_to, None
-        if not trusted:
-            deadline_s = self._clock.monotonic_s() + LATE_S
-            while self.look().busy:
-                self._refuse_late(deadline_s, "a jog", LATE_S)
-                self._clock.wait_s(POLL_S)
-            self._set_speed(speed_mm_s)
-            if not keep_on():
-                raise self._stopped()
-            self._link.command("movr", self._payload(by))
-            return
-        if going_to is None or not status.busy:
-            going_to = self._standing()
-        target = going_to + by
-        self._set_speed(speed_mm_s)
-        if not keep_on():
-            raise self._stopped()
-        self._link.command("move", self._payload(target))
-        self._jogs_to = target
-
-    def halt(self) -> None:
-        """Slow down to rest; steps are not lost, and an alarm is not cleared. Raises StageError."""
-        self._end("sstp", HALT_S)
-
-    def confirm_stopped(self) -> None:
-        """Verify a stop that was sent, and repeat it until the axis rests. Raises StageError."""
-        self._end("stop", STOP_S, sent=True)
-
-    def stop_now(self) -> None:
-        """Send a stop without waiting. Raises TransportError."""
-        self._link.send_now("stop")
-
-    def clear_alarm(self) -> None:
-        """Clear the alarm in the controller, then the one stored here. Raises StageAlarm if it persists."""
-        self._link.command("stop")
-        self._alarm = ""
-        self.refuse_alarm(self.look())
-
-    # --- state ---
-
-    def look(self) -> AxisStatus:
-        """Return position and state. Raises StageError."""
-        return self._link.status()
-
-    def mm(self, status: AxisStatus) -> float:
-        """Return the machine coordinate."""
-        return (status.steps * self.microsteps + status.microsteps) / self.steps_per_mm + 0.0
-
-    def refuse_alarm(self, status: AxisStatus) -> None:
-        """Refuse an alarm, now or since the last `unlock`, and an unknown flag. Raises StageAlarm."""
-        flags = status.flags & ~HARMLESS
-        if not self._alarm:
-            bits = [1 << bit for bit in range(flags.bit_length()) if flags >> bit & 1]
-            self._alarm = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
-        if self._alarm:
-            raise StageAlarm(self._alarm, f"{self._label}: remove the cause, see its manual")
-
-    @staticmethod
-    def is_referenced(status: AxisStatus) -> bool:
-        """Return whether a controller is homed and its motor on."""
-        return bool(status.flags & HOMED) and status.power != POWER_OFF
-
-    def refuse_unreferenced(self, status: AxisStatus) -> None:
-        """Refuse a controller that is no longer homed or whose motor is off. Raises StageReset."""
-        if not self.is_referenced(status):
-            raise StageReset(f"{self._label} is no longer homed, or its motor is off; home again")
-
-    def refuse_far_edge(self, status: AxisStatus) -> None:
-        """Refuse the limit switch away from home, which lies outside the travel; after `refuse_alarm`.
-
-        Raises StageAlarm.
-        """
-        far = "left" if self._settings.home == "right" else "right"
-        if status.inputs & EDGE[far]:
-            self._alarm = f"{far.upper()}_EDGE"
-            self.refuse_alarm(status)
-
-    def native_speed(self, speed_mm_s: float) -> int:
-        """Return the speed in microsteps per second, rounded down. Raises MoveError below 1."""
-        return whole_speed(speed_mm_s, self._counts_per_mm)
-
-    # --- helpers ---
-
-    def _refuse_another(self, serial: int) -> None:
-        """Refuse the controller of another axis, which would move that axis. Raises StageError."""
-        if self._settings.serial is None and may_be_renamed(self._link.name):
+    def identify(self) -> str:
+        self._ramps = None
+        (self.serial,) = self.link.ask("gser", frames.SERIAL)
+        if self._settings.serial is None and may_be_renamed(self.link.name):
             raise StageError(
-                f"{self._label}: this port may have another controller after the next start; set serial = {serial} "
-                f"under [stage.standa.{self.name}], or name the port as in /dev/serial/by-id",
+                f"{self.label}: this port may have another controller after the next start; set serial = "
+                f"{self.serial} under [stage.standa.{self.name}], or name the port as in /dev/serial/by-id",
                 "port_may_change",
             )
-        if self._settings.serial not in (None, serial):
-            self._refuse_setting("serial number", serial, self._settings.serial)
+        major, minor, release = self.link.ask("gfwv", frames.VERSION)
+        return f"Standa controller {self.serial}, firmware {major}.{minor}.{release}"
 
-    def _end(self, letters: str, most_s: float, *, sent: bool = False) -> None:
-        self._jogs_to = None
-        deadline_s = self._clock.monotonic_s() + most_s
-        problem: StageError | None = None
-        while self._clock.monotonic_s() < deadline_s:
-            try:
-                if not sent:
-                    self._link.command(letters)
-                sent = False
-                begun_s = self._clock.monotonic_s()
-                while letters == "sstp" or self._clock.monotonic_s() < begun_s + 2 * POLL_S:
-                    if not self._link.status(tries=1).busy:
-                        return
-                    if self._clock.monotonic_s() >= deadline_s:
-                        break
-                    self._clock.wait_s(POLL_S)
-                problem = None
-            except StageError as error:
-                problem, sent = error, False
-        raise problem or StageTimeout(
-            f"{self._label} still moves {most_s:g} s after a stop; use the emergency stop", "still_runs"
-        )
-
-    def _refuse_interference(self, status: AxisStatus, command: int) -> None:
-        """Raise for what ends a motion: an alarm, a reset, a button at the controller, another program."""
-        self.refuse_alarm(status)
-        self.refuse_unreferenced(status)
-        self.refuse_far_edge(status)
-        self._refuse_buttons(status)
-        if status.command & COMMAND != command:
-            raise StageOverridden(f"{self._label}: another program has interrupted the motion")
-
-    def _refuse_buttons(self, status: AxisStatus) -> None:
-        if status.inputs & BUTTONS or (status.busy and status.command & COMMAND in (LEFT, RIGHT)):
-            raise StageHeld("BUTTON", f"{self._label}: ")
-
-    def _standing(self) -> int:
-        """Return the position at rest."""
-        status = self.look()
-        self.refuse_alarm(status)
-        self.refuse_unreferenced(status)
-        self._refuse_buttons(status)
-        if status.busy:
-            raise StageHeld("BUSY", f"{self._label}: ")
-        return self._at(status)
-
-    def _set_speed(self, speed_mm_s: float) -> None:
-        steps, part = divmod(self.native_speed(speed_mm_s), self.microsteps)
-        self._link.command("smov", SPEED.pack(steps, part, *self._ramp(), 0, 0, 0, 9 * RESERVED))
+    def settings(self) -> Iterator[Setting]:
+        yield Setting("serial number of the controller", self.serial, self._settings.serial or self.serial)
+        *_, engine, _, mode, _ = self.link.ask("geng", frames.ENGINE)
+        borders, *_ = self.link.ask("geds", frames.EDGES)
+        *_, homing = self.link.ask("ghom", frames.HOMING)
+        *_, power = self.link.ask("gpwr", frames.POWER)
+        microsteps = 1 << mode - 1 if 1 <= mode <= 9 else 0
+        yield Setting("MicrostepMode of the controller", microsteps, self.microsteps)
+        yield Setting("ENGINE_ACCEL_ON of the controller", bool(engine & ACCELERATES), True)
+        yield Setting("ENGINE_ANTIPLAY of the controller", bool(engine & ANTIPLAY), False)
+        yield Setting("BORDER_STOP_LEFT and _RIGHT of the controller", borders & STOPS_AT_EDGES, STOPS_AT_EDGES)
+        yield Setting("BORDER_IS_ENCODER of the controller", bool(borders & EDGES_ARE_POSITIONS), False)
+        side = "right" if homing & HOMES_RIGHT else "left"
+        yield Setting("HOME_DIR_FIRST of the controller", side, self._settings.home)
+        yield Setting("HOME_STOP_FIRST_BITS of the controller", homing & HOMES_TO_LIMIT, HOMES_TO_LIMIT)
+        yield Setting("POWER_OFF_ENABLED of the controller", bool(power & SWITCHES_OFF), False)
+        up, down = self._ramp()
+        yield from self.accelerations({"Accel of the controller": up, "Decel of the controller": down})
 
     def _ramp(self) -> tuple[int, int]:
         """Return acceleration and deceleration of the controller, in full steps/s²."""
         if self._ramps is None:
-            _, _, up, down, *_ = self._link.ask("gmov", SPEED)
+            _, _, up, down, *_ = self.link.ask("gmov", frames.SPEED)
             self._ramps = up, down
         return self._ramps
 
-    @property
-    def _tolerance(self) -> float:
-        return max(TOLERANCE_MM * self._counts_per_mm, 1.0)
+    # --- motion ---
 
-    def _counts(self, mm: float) -> int:
-        return round(mm * self.steps_per_mm)
+    def aim(self, target: Destination, speed: int) -> None:
+        steps, part = divmod(speed, self.microsteps)
+        self.link.command("smov", frames.SPEED.pack(steps, part, *self._ramp(), 0, 0, 0, 9 * frames.RESERVED))
 
-    def _at(self, status: AxisStatus) -> int:
-        return status.steps * self.microsteps + status.microsteps
-
-    def _payload(self, counts: int) -> bytes:
+    def go(self, target: Destination, speed: int) -> None:
+        counts = target.position if target.by is None else target.by
         steps = math.trunc(counts / self.microsteps)
-        return MOVE.pack(steps, counts - steps * self.microsteps, 6 * RESERVED)
+        payload = frames.MOVE.pack(steps, counts - steps * self.microsteps, 6 * frames.RESERVED)
+        self.link.command("move" if target.by is None else "movr", payload)
 
-    def _refuse_setting(self, setting: str, found: object, expected: object) -> None:
-        raise StageError(
-            f"{self._label}: {setting} of the controller is {found}, expected {expected}", "not_as_configured"
+    def has_arrived(self, found: StandaLook, target: int) -> bool:
+        return super().has_arrived(found, target) and not found.failed
+
+    def send_stop(self, after_s: float, *, halting: bool) -> None:
+        self.link.command("sstp" if halting else "stop")  # `sstp` does not clear an alarm.
+
+    def rests(self) -> bool:
+        return not self.link.status(tries=1).busy
+
+    def stop_now(self) -> None:
+        self.link.send_now("stop")
+
+    def go_home(self) -> None:
+        self.link.command("home")
+
+    def not_home(self, found: StandaLook) -> str | None:
+        if found.command == frames.HOMES and not found.failed and LOST not in found.faults:
+            return None
+        return f"it is at {found.position} (command state {found.command})"
+
+    def finish_homing(self) -> None:
+        self.link.command("zero")
+        found = self.look()
+        if found.position or LOST in found.faults:
+            raise self.did_not_home(f"it is at {found.position} after the command that sets zero")
+
+    def clear(self) -> None:
+        self.link.command("stop")
+        self._alarms = 0
+
+    # --- state ---
+
+    def look(self) -> StandaLook:
+        status = self.link.status()
+        return StandaLook(
+            position=status.steps * self.microsteps + status.microsteps,
+            busy=status.busy,
+            faults=tuple(self._faults(status)),
+            at_switch=bool(status.inputs & EDGE[self._settings.home]),
+            command=status.command & frames.COMMAND,
+            failed=bool(status.command & frames.FAILED),
         )
 
-    def _not_homed(self, status: AxisStatus) -> StageError:
-        return StageError(
-            f"{self._label} did not home: it is at {self._at(status)} (command state {status.command}); home again",
-            "did_not_home",
-        )
+    def _faults(self, status: AxisStatus) -> Iterator[Fault]:
+        self._alarms |= status.flags & ~HARMLESS
+        if self._alarms:
+            bits = [1 << bit for bit in range(self._alarms.bit_length()) if self._alarms >> bit & 1]
+            names = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
+            yield Fault(FaultKind.ALARM, names, "remove the cause, see its manual")
+        if not status.flags & HOMED or status.power == frames.POWER_OFF:
+            yield LOST
+        far = "left" if self._settings.home == "right" else "right"
+        if status.inputs & EDGE[far]:  # It lies outside the travel.
+            yield Fault(FaultKind.DISPLACED, f"{far.upper()}_EDGE", "remove the cause, see its manual")
+        command = status.command & frames.COMMAND
+        if status.inputs & BUTTONS or (status.busy and command in (frames.LEFT, frames.RIGHT)):
+            yield HELD
+        if command != frames.MOVES:
+            yield OVERRIDDEN
 
-    def _not_there(self, at: int, target_mm: float) -> StageError:
-        return StageError(
-            f"{self._label} is at {at / self.steps_per_mm:.4f} mm instead of {target_mm:g} mm", "not_there"
-        )
 
-    @property
-    def _label(self) -> str:
-        return f"{self._link.name}: {self.name} axis"
-
-
-class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
+class StandaStage(TwoAxisStage[StandaAxis]):
     """Stage with two controllers."""
-
-    def __init__(self, links: tuple[StandaLink, ...], x: StandaAxis, z: StandaAxis, settings: BenchSettings) -> None:
-        super().__init__(x, z, name="the stage", settings=settings)
-        self._links = links
 
     def connect(self) -> str:
         """Compare both axes with the configuration and return their identification. Raises StageError."""
@@ -430,48 +214,6 @@ class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
                 "one_controller_for_two",
             )
         return found
-
-    def homing(self) -> Looks:
-        """Home z, then x. An alarm is not cleared, also one that a stop has cleared in the controller.
-
-        Raises StageError.
-        """
-        self._trusted = False
-        keep_on = self._until_stopped()
-        for axis in self._up_first():
-            axis.refuse_alarm(axis.look())
-        for axis in self._up_first():
-            for _ in axis.homing(keep_on):
-                yield None
-        self._trusted = keep_on()
-
-    def unlock(self) -> None:
-        """Clear the alarms of both axes; the position stays untrusted. Raises StageError."""
-        self._trusted = False
-        for axis in self._up_first():
-            axis.clear_alarm()
-
-    def set_output(self, on: bool) -> None:
-        """Refuse: no output of a Standa controller is supported. Raises StageError."""
-        raise StageError("a Standa stage has no output for pulses; set sync.output to off", "no_output")
-
-    def close(self) -> None:
-        for link in self._links:
-            link.close()
-
-    def _send_stop(self) -> None:
-        # It clears alarms in the controllers, but not those that this driver has seen.
-        for axis in self._up_first():
-            axis.stop_now()
-
-    def _refuse_alarm(self, axis: StandaAxis, look: AxisStatus) -> None:
-        axis.refuse_alarm(look)
-        if self._trusted:
-            axis.refuse_unreferenced(look)
-            axis.refuse_far_edge(look)
-
-    def _is_referenced(self, axis: StandaAxis, look: AxisStatus) -> bool:
-        return axis.is_referenced(look)
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:
@@ -503,26 +245,19 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
             link.close()
         raise
     z, x = (
-        StandaAxis(
-            link,
-            clock,
-            name,
-            axis,
-            counts_per_mm=abs(settings.calibration.value(f"{name}_steps_per_mm", steps_per_mm(stage, name))),
-            least_acceleration_mm_s2=stage.acceleration_mm_s2 if name == "z" else 0.0,
-        )
+        StandaAxis(link, clock, AxisSpec.of(settings, name, steps_per_mm(stage, name)), axis)
         for link, (name, axis) in zip(links, (("z", own.z), ("x", own.x)), strict=True)
     )
-    return StandaStage(tuple(links), x, z, settings)
+    return StandaStage(x, z, settings)
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     """Ask for the serial number."""
     transport = opener(settings.stage.port)
     for _ in range(2):
-        clock.wait_s(FORGETS_S)  # The bytes of other probes may be the beginning of a command.
+        clock.wait_s(frames.FORGETS_S)  # The bytes of other probes may be the beginning of a command.
         with suppress(StageError):
-            (serial,) = StandaLink(transport, clock).ask("gser", SERIAL, tries=1)
+            (serial,) = StandaLink(transport, clock).ask("gser", frames.SERIAL, tries=1)
             return NumberedIdentity(f"Standa controller {serial}", serial)
     return None
 

@@ -7,17 +7,15 @@ is under way at a time, and after a lost or garbled reply zero bytes clear the l
 """
 
 import struct
-import threading
 from dataclasses import dataclass
 from typing import Any
 
 from rig.clock import Clock
-from rig.devices.base import StageError, StageRejected, StageTimeout
-from rig.transport import Transport, in_turn
+from rig.devices.base import StageRejected
+from rig.devices.drive_link import READ_TRIES, REPLY_S, DriveLink
+from rig.transport import Transport
 from rig.transport.wire import arrived
 
-REPLY_S = 0.2
-READ_TRIES = 3
 LETTERS, CRC_BYTES = 4, 2
 ZEROS = bytes(64)
 """Zeros that complete any truncated frame; the controller returns each one that it does not need."""
@@ -82,13 +80,13 @@ def frame(letters: str, payload: bytes = b"") -> bytes:
     return letters.encode("ascii") + payload + (crc(payload).to_bytes(CRC_BYTES, "little") if payload else b"")
 
 
-class StandaLink:
-    """Port of one controller; one command at a time waits for its reply."""
+class StandaLink(DriveLink):
+    """Port of one controller."""
+
+    IF_GARBLED, IF_SILENT = "the cable", "the power, the cable and the port"
 
     def __init__(self, transport: Transport, clock: Clock) -> None:
-        self.name = transport.name
-        self._transport, self._clock = transport, clock
-        self._one = threading.Lock()
+        super().__init__(transport, clock)
         self._clear = True
 
     def ask(self, letters: str, layout: struct.Struct, tries: int = READ_TRIES) -> tuple[Any, ...]:
@@ -96,13 +94,7 @@ class StandaLink:
 
         Raises StageError, TransportError.
         """
-        for left in reversed(range(tries)):
-            try:
-                return layout.unpack(self._exchange(letters, b"", layout.size))
-            except StageError:
-                if not left:
-                    raise
-        raise AssertionError("tries is positive")
+        return layout.unpack(self._repeated(lambda: self._exchange(letters, b"", layout.size), tries))
 
     def status(self, tries: int = READ_TRIES) -> AxisStatus:
         """Return position and state. Raises StageError, TransportError."""
@@ -120,12 +112,8 @@ class StandaLink:
         """Send a command without waiting for its reply. Raises TransportError."""
         self._transport.write(frame(letters))
 
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
-
     def _exchange(self, letters: str, payload: bytes, size: int) -> bytes:
-        with in_turn(self._one, 2 * REPLY_S):
+        with self._turn():
             if not self._clear:
                 self._synchronize(letters)
             for _ in arrived(self._transport):
@@ -150,7 +138,7 @@ class StandaLink:
                 heard += data
                 if heard.endswith(ZEROS) or (quiet and not data):
                     return
-        raise self._silent(letters, SYNC_TRIES * SYNC_S)
+        raise self._silent(self._label(letters), SYNC_TRIES * SYNC_S)
 
     def _answer(self, letters: str, size: int) -> bytes:
         """Return the payload of the reply; skip zero bytes, and the reply to a stop from another thread."""
@@ -164,7 +152,7 @@ class StandaLink:
                 payload = heard[LETTERS : LETTERS + size]
                 if heard[LETTERS:whole] == frame(letters, payload)[LETTERS:]:
                     return payload
-                raise self._garbled(letters, heard)
+                raise self._garbled(self._label(letters), heard[:SHOWN].hex(" "))
             if head.decode("latin-1") in ERRORS:
                 word = head.decode("ascii")
                 raise StageRejected(word, letters, ERRORS[word])
@@ -177,19 +165,8 @@ class StandaLink:
                 break
             heard += self._transport.read(left_s)
         if odd or heard:
-            raise self._garbled(letters, odd or heard)
-        raise self._silent(letters, REPLY_S)
+            raise self._garbled(self._label(letters), (odd or heard)[:SHOWN].hex(" "))
+        raise self._silent(self._label(letters))
 
-    def _garbled(self, letters: str, heard: bytes) -> StageError:
-        return StageError(
-            f"{self.name}: Standa controller, command {letters}: the reply {heard[:SHOWN].hex(' ')} is garbled; "
-            "check the cable",
-            "garbled",
-        )
-
-    def _silent(self, what: str, timeout_s: float) -> StageTimeout:
-        return StageTimeout(
-            f"{self.name}: Standa controller, command {what}: no reply within {timeout_s:g} s; check the power, "
-            "the cable and the port",
-            "no_reply",
-        )
+    def _label(self, letters: str) -> str:
+        return f"{self.name}: Standa controller, command {letters}"

@@ -10,16 +10,14 @@ and the group is asked again.
 
 import re
 import struct
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rig.clock import Clock
-from rig.devices.base import StageError, StageRejected, StageTimeout
-from rig.transport import Transport, in_turn
+from rig.devices.base import StageError, StageRejected
+from rig.devices.drive_link import READ_TRIES, REPLY_S, DriveLink
+from rig.transport import Transport
 
-REPLY_S = 0.2
-READ_TRIES = 3
 # A module drops an incomplete frame after a pause, which must be shorter than this.
 QUIET_S = 0.03
 LENGTH, FILLER = 9, b"\0"
@@ -89,19 +87,20 @@ def parse_reply(data: bytes, host: int) -> TmclReply | None:
     return TmclReply(address, status, command, value) if status in _STATUSES else None
 
 
-class TmclLink:
-    """Modules on one port; one command waits for its reply.
+class TmclLink(DriveLink):
+    """Modules on one port.
 
     baud: of a serial line, for the pause between two frames that nobody waits for. host: address to which modules
     reply.
     """
 
+    IF_GARBLED = "the cable, stage.baud and host_address"
+
     def __init__(self, transport: Transport, clock: Clock, *, baud: int = 115200, host: int = 2) -> None:
-        self.name = transport.name
-        self._transport, self._clock, self._host = transport, clock, host
+        super().__init__(transport, clock)
+        self._host = host
         self._version = re.compile(re.escape(bytes([host])) + rb"([ -~]{8})")
         self._exchange_s = 2 * LENGTH * 10 / baud + 2e-3
-        self._one = threading.Lock()
         self._heard = b""  # since `_quieten`
         self._lost = 0
 
@@ -110,17 +109,11 @@ class TmclLink:
 
         What is missing, garbled or refused is asked for again. Raises StageError, TransportError.
         """
-        for left in reversed(range(tries)):
-            try:
-                return self._group(motor, parameters)
-            except StageError:
-                if not left:
-                    raise
-        raise AssertionError("tries is positive")
+        return self._repeated(lambda: self._group(motor, parameters), tries)
 
     def command(self, motor: Motor, command: int, kind: int = 0, value: int = 0) -> None:
         """Send a command once and wait for its reply. Raises StageError, TransportError."""
-        with in_turn(self._one, 2 * REPLY_S):
+        with self._turn():
             self._quieten()
             self._exchanged(TmclRequest(motor, command, kind, value))
 
@@ -129,9 +122,9 @@ class TmclLink:
 
         Raises StageError, TransportError.
         """
-        once = self._version_of(motor)
+        once = self._repeated(lambda: self._version_of(motor))
         for _ in range(READ_TRIES):
-            once, before = self._version_of(motor), once
+            once, before = self._repeated(lambda: self._version_of(motor)), once
             if once == before:
                 return once
         raise StageError(
@@ -150,13 +143,9 @@ class TmclLink:
                 self._clock.wait_s(self._exchange_s)
             self._transport.write(TmclRequest(motor, MST).frame())
 
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
-
     def _group(self, motor: Motor, parameters: Sequence[int]) -> tuple[list[int], int]:
         last = TmclRequest(motor, RFS, SEARCH_STATUS)
-        with in_turn(self._one, 2 * REPLY_S):
+        with self._turn():
             self._quieten()
             values = [self._exchanged(TmclRequest(motor, GAP, parameter))[0].value for parameter in parameters]
             reply, others = self._exchanged(last)
@@ -199,18 +188,17 @@ class TmclLink:
 
     def _version_of(self, motor: Motor) -> str:
         request = TmclRequest(motor, VERSION, AS_TEXT)
-        for _ in range(READ_TRIES):
-            with in_turn(self._one, 2 * REPLY_S):
-                self._quieten()
-                self._transport.write(request.frame())
-                deadline_s = self._clock.monotonic_s() + REPLY_S
-                while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
-                    self._heard += self._transport.read(left_s)
-                    found = self._version.search(self._heard)
-                    if found is not None:
-                        self._lost, self._heard = 0, b""
-                        return found[1].decode("ascii").strip()
-                self._lost += 1
+        with self._turn():
+            self._quieten()
+            self._transport.write(request.frame())
+            deadline_s = self._clock.monotonic_s() + REPLY_S
+            while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
+                self._heard += self._transport.read(left_s)
+                found = self._version.search(self._heard)
+                if found is not None:
+                    self._lost, self._heard = 0, b""
+                    return found[1].decode("ascii").strip()
+            self._lost += 1
         raise self._failure(request, self._heard)
 
     def _quieten(self) -> None:
@@ -228,15 +216,7 @@ class TmclLink:
 
     def _failure(self, request: TmclRequest, heard: bytes) -> StageError:
         label = f"{self._label(request.motor)}, {request}"
-        if heard:
-            shown = heard[: 4 * LENGTH].hex(" ")
-            return StageError(
-                f"{label}: {shown} is not a reply; check the cable, stage.baud and host_address", "garbled"
-            )
-        return StageTimeout(
-            f"{label}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the address",
-            "no_reply",
-        )
+        return self._garbled(label, heard[: 4 * LENGTH].hex(" ")) if heard else self._silent(label)
 
     def _label(self, motor: Motor) -> str:
         return f"{self.name}: TMCL module {motor.address}, motor {motor.number}"

@@ -9,152 +9,117 @@ an axis are minus the machine coordinate. The driver writes only `limit.min` and
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
 from rig.clock import Clock
-from rig.devices.base import (
-    Looks,
-    Stage,
-    StageAlarm,
-    StageError,
-    StageHeld,
-    StageOverridden,
-    StageReset,
-    StageTimeout,
-)
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, travel_s, whole_speed
+from rig.devices.base import Stage, StageError
+from rig.devices.counted_axis import AxisSpec, CountedAxis, Destination, Fault, FaultKind, Look, Setting, TwoAxisStage
+from rig.devices.drive_link import READ_TRIES, both_answer
 from rig.devices.registry import Evidence, Opener, StageKind
-from rig.devices.zaber_link import NO_WARNING, READ_TRIES, Reply, ZaberLink
+from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
 
-HOME_S = 180.0
-# A move may take this much longer than computed from length, speed and acceleration.
-LATE_FACTOR, LATE_S = 1.5, 5.0
-STOP_S, HALT_S = 1.0, 2.0
 # A stage that still moves so long after a stop gets an emergency stop.
 ESTOP_AFTER_S = 0.3
-TOLERANCE_MM = 2.5e-3
 LEAST_FIRMWARE = (7, 25)
 # Way up that `limit.min` must leave to jogs before homing.
 UNHOMED_ROOM_MM = 1.0
 
-ALARMS = {
-    "FF": "critical system error",
-    "FN": "peripheral not supported",
-    "FZ": "peripheral inactive",
-    "FH": "hardware emergency stop",
-    "FV": "supply voltage out of range, driver off",
-    "FO": "driver disabled",
-    "FC": "current inrush error",
-    "FM": "motor temperature",
-    "FD": "driver disabled",
-    "FQ": "encoder error",
-    "FI": "index error",
-    "FA": "encoder synchronization",
-    "FR": "overdrive limit exceeded",
-    "FS": "stalled and stopped",
-    "FB": "stream bounds",
-    "FP": "path deviation",
-    "FE": "limit sensor not reached or faulty",
-    "FT": "excessive twist",
-    "WL": "unexpected limit sensor",
-    "WS": "stalled and recovered",
-    "WM": "moved while standing",
+MANUAL, INTERRUPTED = "NC", "NI"
+NOT_HOME = {"WR", "WH", INTERRUPTED}
+FAULTS = {
+    "FF": (FaultKind.ALARM, "critical system error"),
+    "FN": (FaultKind.ALARM, "peripheral not supported"),
+    "FZ": (FaultKind.ALARM, "peripheral inactive"),
+    "FH": (FaultKind.ALARM, "hardware emergency stop"),
+    "FV": (FaultKind.ALARM, "supply voltage out of range, driver off"),
+    "FO": (FaultKind.ALARM, "driver disabled"),
+    "FC": (FaultKind.ALARM, "current inrush error"),
+    "FM": (FaultKind.ALARM, "motor temperature"),
+    "FD": (FaultKind.ALARM, "driver disabled"),
+    "FQ": (FaultKind.ALARM, "encoder error"),
+    "FI": (FaultKind.ALARM, "index error"),
+    "FA": (FaultKind.ALARM, "encoder synchronization"),
+    "FR": (FaultKind.ALARM, "overdrive limit exceeded"),
+    "FS": (FaultKind.ALARM, "stalled and stopped"),
+    "FB": (FaultKind.ALARM, "stream bounds"),
+    "FP": (FaultKind.ALARM, "path deviation"),
+    "FE": (FaultKind.ALARM, "limit sensor not reached or faulty"),
+    "FT": (FaultKind.ALARM, "excessive twist"),
+    "WL": (FaultKind.ALARM, "unexpected limit sensor"),
+    "WS": (FaultKind.ALARM, "stalled and recovered"),
+    "WM": (FaultKind.DISPLACED, "moved while standing"),
+    "WR": (FaultKind.LOST, "is no longer homed, probably because it was switched off"),
+    "WH": (FaultKind.LOST, "is no longer homed, probably because it was switched off"),
+    MANUAL: (FaultKind.HELD, ""),
+    INTERRUPTED: (FaultKind.OVERRIDDEN, "another program or the device itself has interrupted the motion"),
+    **dict.fromkeys(("WV", "WT", "WP", "ND", "NR", "NT", "NU", "NJ", "NB"), (FaultKind.HARMLESS, "")),
 }
-UNREFERENCED = frozenset(("WR", "WH"))
-MANUAL, INTERRUPTED, DISPLACED = "NC", "NI", "WM"
-HARMLESS = frozenset((*UNREFERENCED, MANUAL, INTERRUPTED, "WV", "WT", "WP", "ND", "NR", "NT", "NU", "NJ", "NB"))
+UNKNOWN = (FaultKind.ALARM, "unknown warning, see its manual")
 
 _VERSION = re.compile(r"(\d+)\.(\d+)(?:\.\d+)?")
 
 
-class ZaberAxis(WatchedAxis[Reply]):
-    """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
+class ZaberAxis(CountedAxis[Look]):
+    """One axis of a chain."""
+
+    halt_again_s, stop_again_s = math.inf, ESTOP_AFTER_S  # A second halt would stop harder.
+    link: ZaberLink
 
     def __init__(
-        self,
-        link: ZaberLink,
-        clock: Clock,
-        name: str,
-        address: ZaberAxisSettings,
-        units: ZaberSettings,
-        *,
-        counts_per_mm: float,
-        travel_mm: float,
-        least_acceleration_mm_s2: float,
+        self, link: ZaberLink, clock: Clock, spec: AxisSpec, address: ZaberAxisSettings, units: ZaberSettings
     ) -> None:
-        self.name, self.travel_mm = name, travel_mm
-        self._link, self._clock, self._address, self._units = link, clock, address, units
-        self._counts_per_mm = counts_per_mm
-        self._least_acceleration_mm_s2 = least_acceleration_mm_s2
-        self._acceleration_mm_s2 = math.inf
+        super().__init__(link, clock, spec, speed_unit=units.speed_unit, acceleration_unit=units.acceleration_unit)
+        self._address, self._version = address, ""
         self._question = "get encoder.pos" if address.encoder else "get pos"
-        self._jogs_to: int | None = None
-        self.warned = frozenset[str]()  # warnings when they were last asked for
 
-    @property
-    def steps_per_mm(self) -> float:
-        """Microsteps for each mm, negative because the counts grow away from home."""
-        return -self._counts_per_mm
+    # --- settings, limits ---
 
-    def connect(self) -> str:
-        """Compare the device with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = None
-        link, address = self._link, self._address.address
-        device_id = link.ask(address, 0, "get deviceid").data
-        version = link.ask(address, 0, "get version").data
-        found = _VERSION.fullmatch(version)
+    def identify(self) -> str:
+        address, axis = self._address.address, self._address.axis
+        device_id = self.link.ask(address, 0, "get deviceid").data
+        self._version = self.link.ask(address, 0, "get version").data
+        return f"Zaber device {address}, axis {axis}, id {device_id}, firmware {self._version}"
+
+    def settings(self) -> Iterator[Setting]:
+        found = _VERSION.fullmatch(self._version)
         if found is None or (int(found[1]), int(found[2])) < LEAST_FIRMWARE:
-            self._refuse_setting("firmware", version, "7.25 or later")
-        resolution = self._number("get resolution")
-        if resolution != self._address.resolution:
-            self._refuse_setting("resolution", resolution, self._address.resolution)
-        acceleration = self._number("get accel")
-        unit = self._counts_per_mm * self._units.acceleration_unit
-        self._acceleration_mm_s2 = acceleration / unit or math.inf
-        if self._acceleration_mm_s2 < self._least_acceleration_mm_s2:
-            least = f"at least {math.ceil(self._least_acceleration_mm_s2 * unit)} (stage.acceleration_mm_s2)"
-            self._refuse_setting("accel", acceleration, least)
-        self._refuse_short_travel(self._number("get limit.max"))
-        axis = self._address.axis
-        return f"{self.name}: Zaber device {address}, axis {axis}, id {device_id}, firmware {version}"
+            yield Setting("firmware of the device", self._version, "7.25 or later")
+        yield Setting("resolution of the device", self._number("get resolution"), self._address.resolution)
+        yield from self.accelerations({"accel of the device": self._number("get accel")})
+        yield self._longest()
 
-    def set_limits(self) -> None:
-        """Make the limits of the device those of the travel; they are written only if they differ.
+    def _longest(self) -> Setting:
+        longest, travel = self._number("get limit.max"), self.counts(-self.travel_mm)
+        enough = longest if longest >= travel else f"at least {travel} (stage.travel_mm)"
+        return Setting("limit.max of the device", longest, enough)
 
-        Raises StageError if the device does not confirm them, or if its travel is too short.
-        """
-        for setting, value in (("limit.min", 0), ("limit.max", self._travel)):
-            found = self._number(f"get {setting}")
-            if setting == "limit.max":
-                self._refuse_short_travel(found)
-            if found != value:
-                self._set_limit(setting, value)
+    def finish_homing(self) -> None:
+        """Make the limits of the device those of the travel; they are written only if they differ."""
+        if self._number("get limit.min") != 0:
+            self._set_limit("limit.min", 0)
+        longest = self._longest()
+        self.compare(longest)
+        if longest.found != (travel := self.counts(-self.travel_mm)):
+            self._set_limit("limit.max", travel)
 
     def allow_unhomed_jogs(self) -> None:
-        """Lower `limit.min` if it leaves no way up to an axis without a home position; set_limits() sets it again.
+        """Lower `limit.min` if it leaves no way up to an axis without a home position; homing sets it again.
 
         Raises StageError.
         """
-        if not self.warnings(self.look()) & UNREFERENCED:
-            return
-        room = round(UNHOMED_ROOM_MM * self._counts_per_mm)
-        if self._number("get pos") - room < self._number("get limit.min"):
-            self._set_limit("limit.min", -self._travel)
+        if any(fault.kind is FaultKind.LOST for fault in self.look().faults):
+            room = self.counts(-UNHOMED_ROOM_MM)
+            if self._number("get pos") - room < self._number("get limit.min"):
+                self._set_limit("limit.min", -self.counts(-self.travel_mm))
 
-    def _refuse_short_travel(self, longest: int) -> None:
-        if longest < self._travel:
-            self._refuse_setting("limit.max", longest, f"at least {self._travel} (stage.travel_mm)")
-
-    def _set_limit(self, setting: str, value: int) -> None:
+    def _set_limit(self, name: str, value: int) -> None:
         """Set a limit and read it back; again if a message was wrong, since no motion follows. Raises StageError."""
         for left in reversed(range(READ_TRIES)):
             try:
-                self._command(f"set {setting} {value}")
-                found = self._number(f"get {setting}")
-                if found != value:
-                    self._refuse_setting(setting, found, value)
+                self._command(f"set {name} {value}")
+                self.compare(Setting(f"{name} of the device", self._number(f"get {name}"), value))
                 return
             except StageError:
                 if not left:
@@ -162,308 +127,84 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     # --- motion ---
 
-    def homing(self, keep_on: Callable[[], bool]) -> Iterator[Reply]:
-        """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
-        self._jogs_to = None
-        if not keep_on():
-            raise self._stopped()
+    def go(self, target: Destination, speed: int) -> None:
+        way = f"abs {target.position}" if target.by is None else f"rel {target.by}"
+        self._command(f"move {way} {speed}")
+
+    def send_stop(self, after_s: float, *, halting: bool) -> None:
+        if halting:
+            self._command("stop")
+        else:
+            self.link.send_now("estop" if after_s >= ESTOP_AFTER_S else "stop")
+
+    def rests(self) -> bool:
+        return not self._command("").busy
+
+    def stop_now(self) -> None:
+        self.link.send_now("stop")  # to every device of the chain
+
+    def go_home(self) -> None:
         self._command("home")
 
-        def look() -> tuple[Reply, bool]:
-            reply = self.look()
-            self.refuse_alarm(self.warnings(reply), homing=True)
-            return reply, not reply.busy
+    def not_home(self, found: Look) -> str | None:
+        warnings = sorted(str(fault.number) for fault in found.faults)
+        if abs(found.position) <= self.tolerance and not NOT_HOME & {*warnings}:
+            return None
+        return f"it is at {found.position} with the warnings {' '.join(warnings) or 'none'}"
 
-        yield from self._until(look, HOME_S, 0.0, "homing")
-        reply = self.look()
-        warnings = self.warnings(reply)
-        at = self._position(reply)
-        if warnings & (UNREFERENCED | {INTERRUPTED}) or abs(at) > self._tolerance:
-            found = " ".join(sorted(warnings)) or "none"
-            raise StageError(
-                f"{self._label} did not home: it is at {at} with the warnings {found}; home again", "did_not_home"
-            )
-
-    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Reply]:
-        """Move to a position at a speed; yield each look, until arrival.
-
-        A motion that leaves the way from start to target is stopped. Raises StageError; MoveError before any byte.
-        """
-        speed, target = self.native_speed(speed_mm_s), self._counts(to_mm)
-        self._jogs_to = None
-        start = self._standing()
-        if not keep_on():
-            raise self._stopped()
-        self._command(f"move abs {target} {speed}")
-
-        def look() -> tuple[Reply, bool]:
-            reply = self.look()
-            if not keep_on():
-                raise self._stopped()
-            self._refuse_interference(reply)
-            self._refuse_off_its_way(reply, start, target)
-            return reply, not reply.busy
-
-        mm = abs(target - start) / self._counts_per_mm
-        expected_s = travel_s(mm, speed_mm_s, self._acceleration_mm_s2)
-        what = f"the move to {to_mm:g} mm"
-        yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
-        self._be_at(target)
-
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
-        """Extend the present motion by a distance, and return at once.
-
-        Without a trusted position the device counts from where it stands, so a previous jog ends first. Raises
-        StageError.
-        """
-        speed, by = self.native_speed(speed_mm_s), round(-by_mm * self._counts_per_mm)
-        reply = self.look()
-        self.refuse_alarm(self.warnings(reply))
-        going_to, self._jogs_to = self._jogs_to, None
-        if not trusted:
-            deadline_s = self._clock.monotonic_s() + LATE_S
-            while self.look().busy:
-                self._refuse_late(deadline_s, "a jog", LATE_S)
-                self._clock.wait_s(POLL_S)
-            if not keep_on():
-                raise self._stopped()
-            self._command(f"move rel {by} {speed}")
-            return
-        if going_to is None or not reply.busy:
-            going_to = self._standing()
-        target = going_to + by
-        if not keep_on():
-            raise self._stopped()
-        self._command(f"move abs {target} {speed}")
-        self._jogs_to = target
-
-    def halt(self) -> None:
-        """Stop this axis and return at rest; steps are not lost. Raises StageError."""
-        self._jogs_to = None
-        deadline_s = self._clock.monotonic_s() + HALT_S
-        problem: StageError | None = None
-        while self._clock.monotonic_s() < deadline_s:
-            try:
-                self._command("stop")
-                while self._clock.monotonic_s() < deadline_s:
-                    if not self._ask("").busy:
-                        return
-                    self._clock.wait_s(POLL_S)
-            except StageError as error:
-                problem = error
-        raise problem or self._still_moves(HALT_S)
-
-    def confirm_stopped(self) -> None:
-        """Verify a stop that was sent; one that does not take effect becomes an emergency stop. Raises StageError."""
-        self._jogs_to = None
-        begun_s = self._clock.monotonic_s()
-        problem: StageError | None = None
-        while self._clock.monotonic_s() < begun_s + STOP_S:
-            try:
-                if not self._command("").busy:
-                    return
-                problem = None
-            except StageError as error:
-                problem = error
-            late = self._clock.monotonic_s() >= begun_s + ESTOP_AFTER_S
-            if late or problem is not None:
-                self._link.send_now("estop" if late else "stop")
-            self._clock.wait_s(POLL_S)
-        raise problem or self._still_moves(STOP_S)
+    def clear(self) -> None:
+        self.link.alerts.pop((self._address.address, self._address.axis), None)
+        self._command("warnings clear")
 
     # --- state ---
 
-    def look(self) -> Reply:
-        """Return the reply with position, state and warning. Raises StageError."""
-        return self._ask(self._question)
+    def look(self) -> Look:
+        reply = self.link.ask(self._address.address, self._address.axis, self._question)
+        faults = tuple(_fault(flag, busy=reply.busy) for flag in sorted(self._warnings(reply)))
+        return Look(self._whole(reply.data, self._question), reply.busy, faults)
 
-    def mm(self, reply: Reply) -> float:
-        """Return the machine coordinate in a reply to `look`. Raises StageError."""
-        return -self._position(reply) / self._counts_per_mm
-
-    def warnings(self, reply: Reply) -> frozenset[str]:
-        """Return every warning of this axis: a reply shows the highest one alone, which may hide others.
-
-        Raises StageError.
-        """
-        place = (self._address.address, self._address.axis)
-        alerted = self._link.alerts.pop(place, NO_WARNING)
-        self.warned = frozenset()
-        if NO_WARNING == reply.warning == alerted:
-            return self.warned
+    def _warnings(self, reply: Reply) -> set[str]:
+        """Return every warning of this axis: a reply shows the highest one alone, which may hide others."""
+        alerted = self.link.alerts.pop((self._address.address, self._address.axis), NO_WARNING)
         found = {reply.warning, alerted} - {NO_WARNING}
-        if found <= HARMLESS:
-            count, *rest = self._ask("warnings").data.split()
-            found |= set(rest)
+        if found and not any(FAULTS.get(flag, UNKNOWN)[0] is FaultKind.ALARM for flag in found):
+            data = self.link.ask(self._address.address, self._address.axis, "warnings").data
+            count, *rest = data.split() or [""]
             if not count.isdigit() or int(count) != len(rest):
-                raise StageError(
-                    f"{self._label}: {' '.join((count, *rest))!a} is not a list of warnings", "no_warnings"
-                )
-        self.warned = frozenset(found)
-        return self.warned
-
-    def refuse_alarm(self, warnings: frozenset[str], *, homing: bool = False) -> None:
-        """Refuse a fault, and a warning that is not known to be harmless. Raises StageAlarm."""
-        tolerated = HARMLESS | {DISPLACED} if homing else HARMLESS
-        for flag in sorted(warnings - tolerated):
-            meaning = ALARMS.get(flag, "unknown warning, see its manual")
-            raise StageAlarm(flag, f"{self._label}: {meaning}")
-
-    def refuse_unreferenced(self, warnings: frozenset[str]) -> None:
-        """Refuse a device that has lost its home position. Raises StageReset."""
-        if warnings & UNREFERENCED:
-            raise StageReset(f"{self._label} is no longer homed, probably because it was switched off; home again")
-
-    def clear_warnings(self) -> None:
-        """Clear the warnings that stay until they are cleared. Raises StageAlarm if a fault is still there."""
-        self._link.alerts.pop((self._address.address, self._address.axis), None)
-        self._command("warnings clear")
-        self.refuse_alarm(self.warnings(self._ask("")), homing=True)
-
-    def native_speed(self, speed_mm_s: float) -> int:
-        """Return the speed in native units, rounded down. Raises MoveError below 1."""
-        return whole_speed(speed_mm_s, self._counts_per_mm * self._units.speed_unit)
+                raise StageError(f"{self.label}: {data!a} is not a list of warnings", "no_warnings")
+            found |= set(rest)
+        return found
 
     # --- helpers ---
 
-    def _refuse_off_its_way(self, reply: Reply, start: int, target: int) -> None:
-        """Stop the chain and raise an error for a position that is not between two others, in either order."""
-        low, high = min(start, target) - self._tolerance, max(start, target) + self._tolerance
-        at = self._position(reply)
-        if not low <= at <= high:
-            self._link.send_now("stop")
-            raise self._not_there(at, target)
-
-    def _be_at(self, target: int) -> None:
-        """Raise an error unless the axis is at the target, by one of two status reports."""
-        at = self._position(self.look())
-        if abs(at - target) > self._tolerance:
-            at = self._position(self.look())
-        if abs(at - target) > self._tolerance:
-            raise self._not_there(at, target)
-
-    def _refuse_interference(self, reply: Reply) -> None:
-        """Raise for what ends a motion: a fault, a reset, a hand at the knob, another program."""
-        warnings = self.warnings(reply)
-        self.refuse_alarm(warnings)
-        self.refuse_unreferenced(warnings)
-        if MANUAL in warnings:
-            raise StageHeld(MANUAL, f"{self._label}: ")
-        if INTERRUPTED in warnings:
-            raise StageOverridden(f"{self._label}: another program or the device itself has interrupted the motion")
-
-    def _standing(self) -> int:
-        """Return the position at rest."""
-        reply = self.look()
-        warnings = self.warnings(reply)
-        self.refuse_alarm(warnings)
-        self.refuse_unreferenced(warnings)
-        if reply.busy:
-            raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._label}: ")
-        return self._position(reply)
-
-    @property
-    def _travel(self) -> int:
-        return round(self.travel_mm * self._counts_per_mm)
-
-    @property
-    def _tolerance(self) -> float:
-        return max(TOLERANCE_MM * self._counts_per_mm, 1.0)
-
-    def _counts(self, mm: float) -> int:
-        return round(-mm * self._counts_per_mm)
-
-    def _position(self, reply: Reply) -> int:
-        return self._whole(reply.data, self._question)
-
     def _number(self, question: str) -> int:
-        return self._whole(self._ask(question).data, question)
+        return self._whole(self.link.ask(self._address.address, self._address.axis, question).data, question)
 
     def _whole(self, data: str, question: str) -> int:
         if not re.fullmatch(r"-?\d{1,10}", data):
-            raise StageError(f"{self._label}: {data!a} is not a reply to {question!r}", "no_number")
+            raise StageError(f"{self.label}: {data!a} is not a reply to {question!r}", "no_number")
         return int(data)
 
-    def _ask(self, words: str) -> Reply:
-        return self._link.ask(self._address.address, self._address.axis, words)
-
     def _command(self, words: str) -> Reply:
-        return self._link.command(self._address.address, self._address.axis, words)
-
-    def _refuse_setting(self, setting: str, found: object, expected: object) -> None:
-        raise StageError(
-            f"{self._label}: {setting} of the device is {found}, expected {expected}", "not_as_configured"
-        )
-
-    def _not_there(self, at: int, target: int) -> StageError:
-        return StageError(
-            f"{self._label} is at {-at / self._counts_per_mm:.4f} mm instead of {-target / self._counts_per_mm:g} mm",
-            "not_there",
-        )
-
-    def _still_moves(self, timeout_s: float) -> StageTimeout:
-        return StageTimeout(
-            f"{self._label} still moves {timeout_s:g} s after a stop; use the emergency stop", "still_runs"
-        )
-
-    @property
-    def _label(self) -> str:
-        return f"{self._link.name}: {self.name} axis"
+        return self.link.command(self._address.address, self._address.axis, words)
 
 
-class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
+def _fault(flag: str, *, busy: bool) -> Fault:
+    kind, words = FAULTS.get(flag, UNKNOWN)
+    if flag == MANUAL and not busy:
+        kind, words = FaultKind.OVERRIDDEN, "somebody has moved it at its knob"
+    return Fault(kind, flag, words)
+
+
+class ZaberStage(TwoAxisStage[ZaberAxis]):
     """Stage with two axes of a Zaber chain."""
-
-    def __init__(self, link: ZaberLink, x: ZaberAxis, z: ZaberAxis, settings: BenchSettings) -> None:
-        super().__init__(x, z, name=f"{link.name}: the stage", settings=settings)
-        self._link = link
-
-    def homing(self) -> Looks:
-        """Home z, then x, and set the limits of the devices. A fault is not cleared. Raises StageError.
-
-        A motion that a program left behind, is ended first: the device reports it as interrupted.
-        """
-        self._trusted = False
-        keep_on = self._until_stopped()
-        for axis in self._up_first():
-            look = axis.look()
-            axis.refuse_alarm(axis.warnings(look), homing=True)
-            if look.busy:
-                axis.halt()
-        for axis in self._up_first():
-            for _ in axis.homing(keep_on):
-                yield None
-            axis.set_limits()
-        self._trusted = keep_on()
-
-    def unlock(self) -> None:
-        """Clear the warnings of both axes; the position stays untrusted. Raises StageError."""
-        self._trusted = False
-        for axis in self._up_first():
-            axis.clear_warnings()
 
     def allow_unhomed_jogs(self) -> None:
         """Let the z axis jog up and down before homing. Raises StageError."""
         self._axes["z"].allow_unhomed_jogs()
 
-    def set_output(self, on: bool) -> None:
-        """Refuse: no output of a Zaber device is supported. Raises StageError."""
-        raise StageError("a Zaber stage has no output for pulses; set sync.output to off", "no_output")
-
-    def close(self) -> None:
-        self._link.close()
-
     def _send_stop(self) -> None:
-        self._link.send_now("stop")  # to every device of the chain
-
-    def _refuse_alarm(self, axis: ZaberAxis, look: Reply) -> None:
-        warnings = axis.warnings(look)
-        axis.refuse_alarm(warnings)
-        if self._trusted:
-            axis.refuse_unreferenced(warnings)
-
-    def _is_referenced(self, axis: ZaberAxis, look: Reply) -> bool:
-        return not axis.warned & UNREFERENCED
+        self._axes["z"].stop_now()  # to every device of the chain
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:
@@ -476,19 +217,10 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
     stage = settings.stage
     link, own = ZaberLink(opener(stage.port), clock), stage.own(ZaberSettings)
     x, z = (
-        ZaberAxis(
-            link,
-            clock,
-            name,
-            address,
-            own,
-            counts_per_mm=abs(settings.calibration.value(f"{name}_steps_per_mm", steps_per_mm(stage, name))),
-            travel_mm=stage.travel_mm["xyz".index(name)],
-            least_acceleration_mm_s2=stage.acceleration_mm_s2 if name == "z" else 0.0,
-        )
+        ZaberAxis(link, clock, AxisSpec.of(settings, name, steps_per_mm(stage, name)), address, own)
         for name, address in (("x", own.x), ("z", own.z))
     )
-    return ZaberStage(link, x, z, settings)
+    return ZaberStage(x, z, settings)
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
@@ -502,17 +234,9 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
             continue
         with suppress(StageError):
             found[address] = ZaberLink(transport, clock).command(address, 0, "get deviceid").data
-    if not found:
+    answers = {f"Zaber device {one}": one in found for one in (own.x.address, own.z.address)}
+    if not both_answer(transport.name, answers, "one_device", "set the addresses under [stage.zaber]"):
         return None
-    if len(found) < len({own.x.address, own.z.address}):
-        (answers,) = found
-        silent = own.x.address + own.z.address - answers
-        raise StageError(
-            f"{transport.name}: of the Zaber devices {own.x.address} and {own.z.address}, only one answers; "
-            f"device {silent} does not; check its power, cable and address, or set the addresses under "
-            "[stage.zaber]",
-            "one_device",
-        )
     return "Zaber devices " + " and ".join(f"{address} (id {device_id})" for address, device_id in found.items())
 
 

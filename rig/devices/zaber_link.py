@@ -5,15 +5,13 @@ Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker
 
 import math
 import re
-import threading
 from dataclasses import dataclass
 
 from rig.clock import Clock
-from rig.devices.base import StageError, StageRejected, StageTimeout
-from rig.transport import LineReader, Transport, in_turn
+from rig.devices.base import StageError, StageRejected
+from rig.devices.drive_link import REPLY_S, DriveLink
+from rig.transport import LineReader, Transport
 
-REPLY_S = 0.2
-READ_TRIES = 3
 IDS = 100
 # For so long after an unanswered command its id is not used, because its reply may still arrive.
 LATE_S = 3.0
@@ -87,14 +85,12 @@ def parse_reply(line: str) -> Reply | None:
     )
 
 
-class ZaberLink:
+class ZaberLink(DriveLink):
     """Chain of devices on one port; every command has an id and a checksum, and one command waits for its reply."""
 
     def __init__(self, transport: Transport, clock: Clock) -> None:
-        self.name = transport.name
-        self._transport, self._clock = transport, clock
+        super().__init__(transport, clock)
         self._lines = LineReader(transport, clock)
-        self._one = threading.Lock()
         self._number = IDS - 1
         self._lost_s: dict[int, float] = {}
         self.alerts: dict[tuple[int, int], str] = {}
@@ -105,19 +101,11 @@ class ZaberLink:
 
         Raises StageError, TransportError.
         """
-        for left in reversed(range(READ_TRIES)):
-            try:
-                return self.command(device, axis, words)
-            except StageRejected:
-                raise
-            except StageError:
-                if not left:
-                    raise
-        raise AssertionError("READ_TRIES is positive")
+        return self._repeated(lambda: self.command(device, axis, words), refused=False)
 
     def command(self, device: int, axis: int, words: str) -> Reply:
         """Send a command once and return its reply. Raises StageError, TransportError."""
-        with in_turn(self._one, 2 * REPLY_S):
+        with self._turn():
             number = self._next()
             self._transport.write(frame(device, axis, number, words))
             reply = self._answer(device, axis, number, words)
@@ -132,10 +120,6 @@ class ZaberLink:
     def send_now(self, words: str) -> None:
         """Send a command to every device without waiting for replies. Raises TransportError."""
         self._transport.write(frame(0, 0, self._next(), words))
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
 
     def _next(self) -> int:
         now_s = self._clock.monotonic_s()
@@ -169,11 +153,8 @@ class ZaberLink:
                 f"{label}: the reply has no checksum; set comm.checksum of the device to 1", "no_checksum"
             )
         if garbled:
-            raise StageError(f"{label}: {garbled!a} is garbled; check the cable and stage.baud", "garbled")
-        raise StageTimeout(
-            f"{label}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the address",
-            "no_reply",
-        )
+            raise self._garbled(label, ascii(garbled))
+        raise self._silent(label)
 
     def _note_alert(self, content: str) -> None:
         found = _ALERT.fullmatch(content)

@@ -10,164 +10,12 @@ to another.
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.grbl.planner import ConstantAcceleration, Piece, Track
+from sim.devices.counted_motor import CountedMotor, MotorPair
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
-
-# --- drive motion ---
-#
-# Positions are pulses; the track is the same as that of boards.
-
-_NEGLIGIBLE_PULSES = 1e-6
-
-
-class DriveAxis:
-    """Carriage on one axis: position in pulses from the home switch, speeds in pulses/s, ramps in pulses/s²."""
-
-    def __init__(self, position: int, play: float = 0.0) -> None:
-        self._track = Track((position, 0, 0), (play, 0.0, 0.0))
-
-    @property
-    def end_s(self) -> float:
-        """Planned time at which the carriage comes to rest."""
-        return self._track.end_s
-
-    def position_at(self, t_s: float) -> int:
-        """Return whole pulses at a time, past, present or planned."""
-        return self._track.counts_at(t_s)[0]
-
-    def nut_at(self, t_s: float) -> int:
-        """Return the nut's whole pulses at a time: behind the motor by the play where it went up last."""
-        return self._track.nut_at(t_s)[0]
-
-    def velocity_at(self, t_s: float) -> float:
-        """Return the signed velocity in pulses/s."""
-        piece = self._track.piece_at(t_s)
-        return self._track.speed_at(t_s) * (piece.slope[0] if piece else 1.0)
-
-    def moving(self, t_s: float) -> bool:
-        """Return whether the carriage is moving."""
-        return t_s < self._track.end_s
-
-    def go(self, targets: list[tuple[float, float]], up: float, down: float, now_s: float) -> None:
-        """Run to each (position, speed) in turn, resting in each; brake first if the first is behind or too near."""
-        velocity = self.velocity_at(now_s)
-        path = _Path(self._track.position_at(now_s)[0], now_s)
-        if (targets[0][0] - path.position) * velocity < 0.5 * abs(velocity) ** 3 / down:
-            path, velocity = self._braked(down, now_s), 0.0
-        for position, speed in targets:
-            distance = position - path.position
-            path.run(distance, ramps_to_rest(abs(distance), abs(velocity), speed, up, down))
-            velocity = 0.0
-        self._follow(path, now_s)
-
-    def keep_going(self, velocity: float, up: float, down: float, for_s: float, room: float, now_s: float) -> None:
-        """Run at a velocity for for_s more, then brake, within `room` pulses from here."""
-        present = self.velocity_at(now_s)
-        if present * velocity < 0:
-            self.brake(down, now_s)
-            return
-        speed, cruise = abs(present), abs(velocity)
-        rising_s = min(max(cruise - speed, 0.0) / up, for_s)
-        top = speed + up * rising_s
-        ramps = [
-            ConstantAcceleration(rising_s, speed, up),
-            ConstantAcceleration(for_s - rising_s, top, 0.0),
-            ConstantAcceleration(top / down, top, -down),
-        ]
-        if sum(ramp.mm for ramp in ramps) > room:
-            ramps = ramps_to_rest(room, speed, cruise, up, down)
-        path = _Path(self._track.position_at(now_s)[0], now_s)
-        path.run(velocity, ramps)
-        self._follow(path, now_s)
-
-    def brake(self, down: float, now_s: float) -> None:
-        """Brake to rest."""
-        self._follow(self._braked(down, now_s), now_s)
-
-    def _braked(self, down: float, now_s: float) -> "_Path":
-        path = _Path(self._track.position_at(now_s)[0], now_s)
-        velocity = self.velocity_at(now_s)
-        path.run(velocity, [ConstantAcceleration(abs(velocity) / down, abs(velocity), -down)])
-        return path
-
-    def _follow(self, path: "_Path", now_s: float) -> None:
-        self._track.replace_from(now_s, path.pieces, (path.position, 0.0, 0.0))
-
-
-class DrivenMotor:
-    """Virtual motor on an axis, with its truth: positions in counts from home, past, present or planned."""
-
-    _axis: DriveAxis
-    _scheduler: Scheduler
-
-    def carriage_at(self, t_s: float) -> int:
-        """Return the motor's true position."""
-        return self._axis.position_at(t_s)
-
-    def nut_at(self, t_s: float) -> int:
-        """Return the nut's position: behind by the play where the motor went up last."""
-        return self._axis.nut_at(t_s)
-
-    def _brake(self, deceleration: float) -> None:
-        if self._axis.velocity_at(self._now_s):
-            self._axis.brake(deceleration, self._now_s)
-
-    @property
-    def _now_s(self) -> float:
-        return self._scheduler.monotonic_s()
-
-
-class MotorPair:
-    """Two motors as a stage: x lateral, z vertical, y set by hand."""
-
-    x: DrivenMotor
-    z: DrivenMotor
-
-    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the motors' true position in counts from home (x, y, z)."""
-        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
-
-    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the nuts' true position in counts from home (x, y, z)."""
-        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-
-class _Path:
-    """Consecutive pieces from a position at a time."""
-
-    def __init__(self, position: float, t_s: float) -> None:
-        self.position, self._t_s = position, t_s
-        self.pieces: list[Piece] = []
-
-    def run(self, direction: float, ramps: Sequence[ConstantAcceleration]) -> None:
-        sign = 1.0 if direction >= 0 else -1.0
-        for ramp in ramps:
-            if ramp.duration_s > 0:
-                self.pieces.append(Piece(self._t_s, ramp, (self.position, 0.0, 0.0), (sign, 0.0, 0.0)))
-                self._t_s += ramp.duration_s
-                self.position += sign * ramp.mm
-
-
-def ramps_to_rest(length: float, speed: float, cruise: float, up: float, down: float) -> list[ConstantAcceleration]:
-    """Return ramps over `length` pulses from `speed` to rest, up to cruise; a short distance is braked harder."""
-    if length < _NEGLIGIBLE_PULSES:
-        return []
-    top = sqrt((length + 0.5 * speed * speed / up) / (0.5 / up + 0.5 / down))
-    if top <= speed:
-        return [ConstantAcceleration(2 * length / speed, speed, -0.5 * speed * speed / length)]
-    peak = max(min(top, cruise), speed)
-    level = length - 0.5 * (peak * peak - speed * speed) / up - 0.5 * peak * peak / down
-    return [
-        ConstantAcceleration((peak - speed) / up, speed, up),
-        ConstantAcceleration(max(level, 0.0) / peak, peak, 0.0),
-        ConstantAcceleration(peak / down, peak, -down),
-    ]
-
 
 STATUS, FEEDBACK, FEEDBACK_RPM, COMMANDED, ALARM = 0x1003, 0x1014, 0x1046, 0x602C, 0x2203
 CONTROL, TRIGGER, PR0, PR0_TRIGGER = 0x1801, 0x6002, 0x6200, 0x6207
@@ -202,7 +50,7 @@ class DriveParameters:
     inputs_register: int = 0x0179
 
 
-class VirtualDrive(DrivenMotor):
+class VirtualDrive(CountedMotor):
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
     start: position of the carriage at power-on. play: the screw's lost motion, pulses. The drive knows neither.
@@ -220,9 +68,8 @@ class VirtualDrive(DrivenMotor):
         play: float = 0.0,
         stored: Mapping[int, int] | None = None,
     ) -> None:
-        self._scheduler, self._parameters = scheduler, parameters or DriveParameters()
-        self._sign = -1 if self._parameters.inverted else 1
-        self._axis = DriveAxis(start, play)
+        self._parameters = parameters or DriveParameters()
+        super().__init__(scheduler, counts_upwards=not self._parameters.inverted, start=start, play=play)
         paths = range(PR0, PR0 + PATHS * PATH_REGISTERS)
         self._stored = dict.fromkeys((*range(0x6000, 0x6015), *paths, CONTROL), 0)
         self._stored[self._parameters.pulses_per_rev_register] = self._parameters.pulses_per_rev
@@ -239,13 +86,9 @@ class VirtualDrive(DrivenMotor):
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, its position becomes zero, unsaved registers are lost."""
-        now_s = self._scheduler.monotonic_s()
+        super().power_cycle()
         self._held = dict(self._stored)
-        self._axis.brake(float("inf"), now_s)
-        self._zero = self.carriage_at(now_s)
-        self._alarm = 0
-        self._homed = self._homing = False
-        self._done = True
+        self._alarm, self._done = 0, True
 
     def press(self, number: int) -> None:
         """Press the button wired to DI1 … DI7: a quick stop that prevents motion until release."""
@@ -298,12 +141,9 @@ class VirtualDrive(DrivenMotor):
         return shown
 
     def _status(self, now_s: float) -> int:
-        moving = self._homing or self._axis.moving(now_s)
+        moving = self._axis.moving(now_s)
         status = RUNNING if moving else (COMMAND_DONE | PATH_DONE) * self._done
         return status | (FAULT if self._alarm else ENABLED) | HOMED * self._homed
-
-    def _count(self, t_s: float) -> int:
-        return self._sign * (self.carriage_at(t_s) - self._zero)
 
     # --- commands ---
 
@@ -323,7 +163,8 @@ class VirtualDrive(DrivenMotor):
         if word == QUICK_STOP:
             self._stop()
         elif word == SET_ZERO:
-            self._zero, self._homed = self.carriage_at(self._scheduler.monotonic_s()), True
+            self._set_count(0)
+            self._homed = True
         elif not (RUN_PR0 <= word <= RUN_PR15 or word == HOME):
             raise RegisterFault(ILLEGAL_VALUE)
         elif not (self._alarm or self._inputs):
@@ -339,11 +180,10 @@ class VirtualDrive(DrivenMotor):
         elif mode == VELOCITY:
             self._run(rpm - (rpm << 1 & 0x10000), _FOREVER_S, ramps)
         elif mode != NO_PATH and rpm:
-            now_s = self._scheduler.monotonic_s()
             target = signed(high, low) + (self._count(self._axis.end_s) if mode == RELATIVE else 0)
             allowed = min(max(target, self._limits()[0]), self._limits()[1])
-            self._homing, self._done = False, allowed == target
-            self._axis.go([(self._zero + self._sign * allowed, rpm * self._per_rpm)], *ramps, now_s)
+            self._searching, self._done = False, allowed == target
+            self._go([(self._height(allowed), rpm * self._per_rpm)], *ramps)
 
     def _run(self, rpm: int, for_s: float, ramps: tuple[float, float]) -> None:
         if self._alarm or self._inputs or not rpm:
@@ -351,7 +191,7 @@ class VirtualDrive(DrivenMotor):
         now_s = self._scheduler.monotonic_s()
         low, high = self._limits()
         room = high - self._count(now_s) if rpm > 0 else self._count(now_s) - low
-        self._homing = False
+        self._searching = False
         self._axis.keep_going(self._sign * rpm * self._per_rpm, *ramps, for_s, max(room, 0), now_s)
 
     def _home(self) -> None:
@@ -360,19 +200,13 @@ class VirtualDrive(DrivenMotor):
         if not (fast and slow):
             return
         half_turn = self._held[self._parameters.pulses_per_rev_register] / 2
-        self._homed, self._homing, self._done = False, True, True
-        legs = [(0.0, fast), (-half_turn, fast), (0.0, slow)]
-        self._axis.go(legs, *self._ramps(HOMING_RAMP_UP), self._scheduler.monotonic_s())
-
-    def _settle(self) -> None:
-        """Update the state after homing."""
-        if self._homing and not self._axis.moving(self._scheduler.monotonic_s()):
-            self._zero, self._homed, self._homing = 0, True, False
+        self._done = True
+        self._search([(0.0, fast), (-half_turn, fast), (0.0, slow)], *self._ramps(HOMING_RAMP_UP))
 
     def _stop(self) -> None:
         now_s = self._scheduler.monotonic_s()
         speed = abs(self._axis.velocity_at(now_s))
-        self._homing = self._done = False
+        self._searching = self._done = False
         if speed and self._stopped_s != self._axis.end_s:
             self._axis.brake(speed / QUICK_STOP_S, now_s)
             self._stopped_s = self._axis.end_s

@@ -10,7 +10,7 @@ import struct
 from math import inf, trunc
 
 from sim.devices.clock import Scheduler
-from sim.devices.leadshine import DriveAxis, DrivenMotor, MotorPair
+from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair
 from sim.devices.line import SerialLine, VirtualStageSpec
 
 SETTINGS = {
@@ -58,7 +58,7 @@ def frame(letters: str, payload: bytes = b"") -> bytes:
     return letters.encode("ascii") + payload + (crc(payload) if payload else b"")
 
 
-class VirtualStandaController(DrivenMotor):
+class VirtualStandaController(CountedMotor):
     """Controller of one axis on its line.
 
     counts_per_mm: microsteps. homes_right: the upper switch is the right one. The carriage's height is in
@@ -79,13 +79,13 @@ class VirtualStandaController(DrivenMotor):
         start: int = 0,
         play: float = 0.0,
     ) -> None:
-        self._scheduler, self._line = scheduler, line
-        self._serial, self._microsteps = serial, microsteps
-        self._sign, per_mm = 1 if homes_right else -1, abs(counts_per_mm)
-        self._axis = DriveAxis(start, play)
-        steps_per_mm, self._beyond = per_mm / microsteps, round(BEYOND_MM * per_mm)
+        per_mm = abs(counts_per_mm)
+        switches = round(BEYOND_MM * per_mm), -round((travel_mm + 1.0) * per_mm)
+        super().__init__(scheduler, counts_upwards=homes_right, start=start, play=play, switches=switches)
+        self._line, self._serial, self._microsteps = line, serial, microsteps
+        steps_per_mm = per_mm / microsteps
         ramp = min(max(round(1.2 * acceleration_mm_s2 * steps_per_mm), 1), 0xFFFF)
-        delta, part = divmod(self._beyond, microsteps)
+        delta, part = divmod(switches[0], microsteps)
         homing = (round(5 * steps_per_mm), 0, round(steps_per_mm), 0, -self._sign * delta, -self._sign * part)
         self.settings = {name: bytes(length - LETTERS - CRC_BYTES) for name, length in SETTINGS.items()}
         self.settings |= {
@@ -95,24 +95,19 @@ class VirtualStandaController(DrivenMotor):
             "eds": struct.pack("<BBihih6x", STOPS_AT_EDGES, 0, 0, 0, 0, 0),
             "pwr": struct.pack("<BHHHB6x", 50, 1000, 60, 300, 0),
         }
-        self._lowest = -round((travel_mm + 1.0) * per_mm)
-        self._zero = start
         self._command, self._failed, self._power = 0, False, POWER_OFF
         self.flags = self.inputs = 0
         self._causes = 0
-        self._homing = False
-        self._target = start
-        self._heard, self._heard_s = b"", -inf
-        line.connect(self._hear, self._forget)
+        self._heard = Inbox(scheduler, FORGETS_S)
+        line.connect(self._hear, self._heard.clear)
 
     # --- truth, and what an operator or an accident does ---
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, and the home position is lost."""
-        self._brake(inf)
+        super().power_cycle()
         self._command, self._failed, self._power, self.flags = 0, False, POWER_OFF, 0
-        self._zero = self.carriage_at(self._now_s)
-        self._forget()
+        self._heard.clear()
 
     def fail(self, flag: int, *, lasting: bool = False) -> None:
         """Enter the alarm state with a flag that stays until a stop; lasting: also after it."""
@@ -132,52 +127,35 @@ class VirtualStandaController(DrivenMotor):
 
     # --- state ---
 
-    @property
-    def busy(self) -> bool:
-        """Whether the motor turns."""
-        self._settle()
-        return self._axis.moving(self._now_s)
-
-    def position(self) -> int:
-        """Return the count in microsteps."""
-        return self._sign * (self.carriage_at(self._now_s) - self._zero)
-
     def edges(self) -> int:
         """Return the active limit switches."""
-        height = self.carriage_at(self._now_s)
         home, far = (RIGHT_EDGE, LEFT_EDGE) if self._sign > 0 else (LEFT_EDGE, RIGHT_EDGE)
-        return home * (height >= self._beyond) | far * (height <= self._lowest)
+        return home * self.at_home | far * self.at_far_end
 
     # --- frames ---
 
-    def _forget(self) -> None:
-        self._heard = b""
-
     def _hear(self, data: bytes) -> None:
-        if self._now_s - self._heard_s > FORGETS_S:
-            self._heard = b""
-        self._heard_s = self._now_s
-        self._heard += data
-        while self._heard:
-            zeros = len(self._heard) - len(self._heard.lstrip(b"\0"))
+        heard = self._heard
+        heard.add(data)
+        while heard.data:
+            zeros = len(heard.data) - len(heard.data.lstrip(b"\0"))
             if zeros:
-                self._heard = self._heard[zeros:]
-                self._line.device_write(bytes(zeros))
+                self._line.device_write(heard.take(zeros))
                 continue
-            if len(self._heard) < LETTERS:
+            if len(heard.data) < LETTERS:
                 return
-            letters = self._heard[:LETTERS].decode("latin-1")
+            letters = heard.data[:LETTERS].decode("latin-1")
             length = self._length(letters)
             if length is None:
                 self._refuse("errc", ERRC)
                 return
-            if len(self._heard) < length:
+            if len(heard.data) < length:
                 return
-            payload, seal = self._heard[LETTERS : length - CRC_BYTES], self._heard[length - CRC_BYTES : length]
+            payload, seal = heard.data[LETTERS : length - CRC_BYTES], heard.data[length - CRC_BYTES : length]
             if length > LETTERS and crc(payload) != seal:
                 self._refuse("errd", ERRD)
                 return
-            self._heard = self._heard[length:]
+            heard.take(length)
             self._settle()
             self._line.device_write(self._obey(letters, payload))
 
@@ -188,7 +166,7 @@ class VirtualStandaController(DrivenMotor):
 
     def _refuse(self, word: str, flag: int) -> None:
         self.flags |= flag
-        self._forget()
+        self._heard.clear()
         self._line.device_write(word.encode("ascii"))
 
     def _obey(self, letters: str, payload: bytes) -> bytes:
@@ -210,9 +188,9 @@ class VirtualStandaController(DrivenMotor):
         if letters == "spos":
             steps, part, _, ignored = struct.unpack("<ihqB5x", payload)
             if not ignored & 1:
-                self._zero = self.carriage_at(self._now_s) - self._sign * self._whole(steps, part)
+                self._set_count(self._whole(steps, part))
         elif letters == "zero":
-            self._zero = self.carriage_at(self._now_s)
+            self._set_count(0)
         elif letters == "pwof":
             self._brake(inf)
             self._power, self.flags = POWER_OFF, self.flags & ~HOMED
@@ -260,7 +238,7 @@ class VirtualStandaController(DrivenMotor):
 
     def _run(self, letters: str, payload: bytes = b"") -> None:
         names = {"move": MOVE, "movr": MOVR, "home": HOME, "left": LEFT, "rigt": RIGHT}
-        self._command, self._failed, self._homing = names[letters], bool(self.flags & ALARM), False
+        self._command, self._failed, self._searching = names[letters], bool(self.flags & ALARM), False
         if self.flags & ALARM:
             return
         self._power = POWER_ON
@@ -268,28 +246,28 @@ class VirtualStandaController(DrivenMotor):
             self._home()
             return
         if letters in ("left", "rigt"):
-            height = self._beyond if (letters == "rigt") == (self._sign > 0) else self._lowest
+            height = self._highest if (letters == "rigt") == (self._sign > 0) else self._lowest
         else:
             counts = self._whole(*struct.unpack("<ih6x", payload))
             height = self._sign * counts + (self._zero if letters == "move" else self.carriage_at(self._now_s))
-        allowed = min(max(height, self._lowest), self._beyond)
+        allowed = min(max(height, self._lowest), self._highest)
         self._failed = allowed != height
         speed, part, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
-        self._go([(allowed, self._whole(speed, part))], ramps)
+        self._ramp([(allowed, self._whole(speed, part))], ramps)
 
     def _home(self) -> None:
         fast, part, _, _, delta, delta_part, _ = struct.unpack("<IBIBihH9x", self.settings["hom"])
         _, _, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
         speed = self._whole(fast, part)
-        rest = self._beyond + self._sign * self._whole(delta, delta_part)
-        self._homing, self.flags = True, self.flags & ~HOMED
-        self._go([(self._beyond, speed), (rest, speed)], ramps)
+        rest = self._highest + self._sign * self._whole(delta, delta_part)
+        self._searching, self.flags = True, self.flags & ~HOMED
+        self._ramp([(self._highest, speed), (rest, speed)], ramps)
 
-    def _go(self, targets: list[tuple[float, float]], ramps: list[int]) -> None:
+    def _ramp(self, legs: list[tuple[float, float]], ramps: list[int]) -> None:
         flags = struct.unpack("<HHIBHhBH12x", self.settings["eng"])[4]
-        up, down = (ramp * self._microsteps if flags & ACCELERATES else inf for ramp in ramps)
-        if targets[0][1]:
-            self._axis.go(targets, min(up, 1e12), min(down, 1e12), self._now_s)
+        up, down = (ramp * self._microsteps if flags & ACCELERATES else 1e12 for ramp in ramps)
+        if legs[0][1]:
+            self._go(legs, up, down)
 
     def _end(self, letters: str) -> None:
         if letters == "stop":
@@ -301,13 +279,12 @@ class VirtualStandaController(DrivenMotor):
             self._brake(struct.unpack("<IBHHIBB9x", self.settings["mov"])[3] * self._microsteps)
         self._command, self._failed = STOP if letters == "stop" else SSTP, False
 
-    def _settle(self) -> None:
-        """Update the state after homing."""
-        if self._homing and not self._axis.moving(self._now_s):
-            self._homing, self.flags = False, self.flags | HOMED
+    def _arrive_home(self) -> None:
+        """Report it; the count stays until `zero`."""
+        self.flags |= HOMED
 
     def _brake(self, deceleration: float) -> None:
-        self._homing = False
+        self._searching = False
         super()._brake(deceleration)
 
 
@@ -319,11 +296,6 @@ class StandaPair(MotorPair):
 
     def __init__(self, x: VirtualStandaController, z: VirtualStandaController) -> None:
         self.x, self.z = x, z
-
-    def power_cycle(self) -> None:
-        """Switch both off and on."""
-        self.x.power_cycle()
-        self.z.power_cycle()
 
 
 def standa_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> StandaPair:

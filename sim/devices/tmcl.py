@@ -14,7 +14,7 @@ from math import ceil, inf
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.leadshine import DriveAxis, DrivenMotor, MotorPair
+from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 
 LENGTH = 9
@@ -48,7 +48,7 @@ class TmclUnits:
     acceleration: float = 1.0
 
 
-class VirtualTmclAxis(DrivenMotor):
+class VirtualTmclAxis(CountedMotor):
     """One motor with its axis parameters; `carriage_at(t)` is its true height in microsteps, 0 at home.
 
     start: height at power-on. play: the screw's lost motion. left_home: the home switch is the left one, and the
@@ -69,11 +69,10 @@ class VirtualTmclAxis(DrivenMotor):
         start: int = 0,
         play: float = 0.0,
     ) -> None:
-        self._scheduler, self._units = scheduler, units
-        self._counts_per_mm, self._lowest = counts_per_mm, -(travel_mm + FAR_MM) * counts_per_mm
-        self._sign = -1 if left_home else 1
+        switches = 0.0, -(travel_mm + FAR_MM) * counts_per_mm
+        super().__init__(scheduler, counts_upwards=not left_home, start=start, play=play, switches=switches)
+        self._units, self._counts_per_mm = units, counts_per_mm
         self._home, self._far = (LEFT_SWITCH, RIGHT_SWITCH) if left_home else (RIGHT_SWITCH, LEFT_SWITCH)
-        self._axis = DriveAxis(start, play)
         self.stored: dict[int, int] = {
             MAX_SPEED: ceil(10.0 * counts_per_mm * units.speed),
             ACCELERATION: ceil(acceleration_mm_s2 * counts_per_mm * units.acceleration),
@@ -90,12 +89,10 @@ class VirtualTmclAxis(DrivenMotor):
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, position and parameters are those of the start."""
-        self._brake(inf)
+        super().power_cycle()
         self.parameters = dict(self.stored)
-        self._zero = self.carriage_at(self._now_s)
         self._target = self._target_speed = 0
         self._positions = True  # towards the target; else at a speed
-        self._searching = False
         self.lost = self.driver = 0
 
     def press(self, side: str) -> None:
@@ -121,31 +118,20 @@ class VirtualTmclAxis(DrivenMotor):
         self._settle()
         return self._searching
 
-    @property
-    def busy(self) -> bool:
-        """Whether the axis moves."""
-        return self._axis.moving(self._now_s)
-
-    def position(self) -> int:
-        """Return the module's count."""
-        self._settle()
-        return self._sign * (self.carriage_at(self._now_s) - self._zero)
-
     def parameter(self, number: int) -> int:
         """Return an axis parameter. Raises TmclRefusal."""
         self._settle()
         if number == LOST_STEPS:
             lost, self.lost = self.lost, 0
             return lost
-        height = self.carriage_at(self._now_s)
         shown = {
             TARGET: self._target,
             POSITION: self.position(),
             TARGET_SPEED: self._target_speed,
             SPEED: self._speed(),
             REACHED: int(self.position() == self._target and not self.busy),
-            self._home: int(height >= 0 or self._home in self.pressed),
-            self._far: int(height <= self._lowest or self._far in self.pressed),
+            self._home: int(self.at_home or self._home in self.pressed),
+            self._far: int(self.at_far_end or self._far in self.pressed),
             DRIVER: self.driver,
         }
         found = {**self.parameters, **shown}
@@ -161,7 +147,7 @@ class VirtualTmclAxis(DrivenMotor):
         if number == TARGET:
             self.move_to(value)
         elif number == POSITION:
-            self._zero = self.carriage_at(self._now_s) - self._sign * value
+            self._set_count(value)
         elif number == TARGET_SPEED:
             self.rotate(value)
         elif number not in self.parameters:
@@ -190,7 +176,7 @@ class VirtualTmclAxis(DrivenMotor):
         height = 0.0 if self._sign * speed > 0 else self._lowest
         if not speed:
             self._brake(self._acceleration)
-        self._go([(height, abs(speed) / self._units.speed)])
+        self._ramp([(height, abs(speed) / self._units.speed)])
 
     def stop(self) -> None:
         """Brake to rest; a reference search continues."""
@@ -203,7 +189,7 @@ class VirtualTmclAxis(DrivenMotor):
         if self.driver & OFF:
             return
         fast, slow = self.parameters[194] / self._units.speed, self.parameters[195] / self._units.speed
-        self._go([(0.0, fast), (-BACK_OFF_MM * self._counts_per_mm, fast), (0.0, slow)])
+        self._ramp([(0.0, fast), (-BACK_OFF_MM * self._counts_per_mm, fast), (0.0, slow)])
         self._searching = True
 
     def end_search(self) -> None:
@@ -216,26 +202,24 @@ class VirtualTmclAxis(DrivenMotor):
 
     def _follow(self) -> None:
         """Go to the target at the maximum speed; brake if that is 0."""
-        height = self._zero + self._sign * self._target
+        height = self._height(self._target)
         speed = self.parameters[MAX_SPEED] / self._units.speed
         if not speed:
             self._brake(self._acceleration)
         elif height != self._axis.position_at(self._axis.end_s) or self.busy:
-            self._go([(min(max(height, self._lowest), max(self.carriage_at(self._now_s), 0)), speed)])
+            self._ramp([(min(max(height, self._lowest), max(self.carriage_at(self._now_s), 0)), speed)])
 
-    def _go(self, targets: list[tuple[float, float]]) -> None:
-        if not self.driver & OFF and not self.pressed and all(speed for _, speed in targets):
-            self._axis.go(targets, self._acceleration, self._acceleration, self._now_s)
+    def _ramp(self, legs: list[tuple[float, float]]) -> None:
+        if not self.driver & OFF and not self.pressed and all(speed for _, speed in legs):
+            self._go(legs, self._acceleration, self._acceleration)
 
     def _halt(self) -> None:
         self._positions = self._searching = False
         self._brake(inf)
 
-    def _settle(self) -> None:
-        """Update the state after a reference search."""
-        if self._searching and not self.busy:
-            self._zero = self._target = 0
-            self._searching, self._positions = False, True
+    def _arrive_home(self) -> None:
+        super()._arrive_home()
+        self._target, self._positions = 0, True
 
     def _speed(self) -> int:
         """Return the speed in the module's unit; not 0 as long as the motor moves."""
@@ -267,29 +251,20 @@ class TmclModules(MotorPair):
         host: int = 2,
         frame_pause_s: float = 0.02,
     ) -> None:
-        self._scheduler, self._line, self.modules, self.x, self.z = scheduler, line, modules, x, z
-        self._host, self.frame_pause_s = host, frame_pause_s
+        self._line, self.modules, self.x, self.z, self._host = line, modules, x, z, host
         self._globals: dict[tuple[int, int, int], int] = {}
-        self._heard, self._heard_s = b"", -inf
-        line.connect(self._hear, self._forget)
+        self.heard = Inbox(scheduler, frame_pause_s)
+        line.connect(self._hear, self.heard.clear)
 
     def power_cycle(self) -> None:
         """Switch the modules off and on."""
-        self._forget()
-        for axis in (self.x, self.z):
-            axis.power_cycle()
-
-    def _forget(self) -> None:
-        self._heard = b""
+        self.heard.clear()
+        super().power_cycle()
 
     def _hear(self, data: bytes) -> None:
-        now_s = self._scheduler.monotonic_s()
-        if now_s - self._heard_s > self.frame_pause_s:
-            self._forget()
-        self._heard, self._heard_s = self._heard + data, now_s
-        while len(self._heard) >= LENGTH:
-            frame, self._heard = self._heard[:LENGTH], self._heard[LENGTH:]
-            self._read(frame)
+        self.heard.add(data)
+        while len(self.heard.data) >= LENGTH:
+            self._read(self.heard.take(LENGTH))
 
     def _read(self, frame: bytes) -> None:
         address, command, kind, number, value = _BODY.unpack(frame[:-1])

@@ -12,7 +12,7 @@ from math import ceil, inf
 from typing import Any
 
 from sim.devices.clock import Handle, Scheduler
-from sim.devices.leadshine import DriveAxis, DrivenMotor, MotorPair
+from sim.devices.counted_motor import CountedMotor, MotorPair
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 
 PRIORITY = (
@@ -42,7 +42,7 @@ class ZaberUnits:
     acceleration: float = 1.6384e-4
 
 
-class VirtualZaberAxis(DrivenMotor):
+class VirtualZaberAxis(CountedMotor):
     """One axis: counts grow from 0 at home downwards; `carriage_at(t)` is its true height in counts, 0 at home.
 
     start: height at power-on. play: the screw's lost motion. encoder_slip: counts by which the encoder differs from
@@ -61,9 +61,8 @@ class VirtualZaberAxis(DrivenMotor):
         start: int = 0,
         play: float = 0.0,
     ) -> None:
-        self._scheduler, self._units = scheduler, units
-        self._counts_per_mm = counts_per_mm
-        self._axis = DriveAxis(start, play)
+        super().__init__(scheduler, counts_upwards=False, start=start, play=play)
+        self._units, self._counts_per_mm = units, counts_per_mm
         self.encoder_slip = 0
         self.settings: dict[str, int] = {
             "accel": max(ceil(acceleration_mm_s2 * counts_per_mm * units.acceleration), 1),
@@ -73,8 +72,6 @@ class VirtualZaberAxis(DrivenMotor):
             "resolution": resolution,
         }
         self._warnings: set[str] = set()
-        self._referenced = self._homing = False
-        self._zero = start
         self._ending: Handle | None = None
         self.on_idle: Callable[[], None] = lambda: None
 
@@ -82,10 +79,8 @@ class VirtualZaberAxis(DrivenMotor):
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, the home position and the warnings are lost."""
-        self._brake(inf)
+        super().power_cycle()
         self._warnings.clear()
-        self._referenced = self._homing = False
-        self._zero = self.carriage_at(self._now_s)
 
     def stall(self) -> None:
         """Block the carriage: the axis stops and shows FS."""
@@ -94,7 +89,7 @@ class VirtualZaberAxis(DrivenMotor):
     def fail(self, flag: str) -> None:
         """Stop at once with a fault or a warning that stays until it is cleared."""
         self._brake(inf)
-        self._homing = False
+        self._searching = False
         self._warnings.add(flag)
         self.on_idle()
 
@@ -112,27 +107,16 @@ class VirtualZaberAxis(DrivenMotor):
             self._warnings.add("NI")
         self._warnings.add("NC")
         speed = 2.0 * self._counts_per_mm
-        self._go([(self._axis.position_at(self._now_s) - counts, speed)], self._acceleration(None))
+        self._ramp([(self._axis.position_at(self._now_s) - counts, speed)], self._acceleration(None))
 
     # --- state ---
-
-    @property
-    def busy(self) -> bool:
-        """Whether the axis moves."""
-        self._settle()
-        return self._homing or self._axis.moving(self._now_s)
 
     @property
     def warnings(self) -> list[str]:
         """Active warnings, the highest first."""
         self._settle()
-        found = self._warnings | (set() if self._referenced else {"WR"})
+        found = self._warnings | (set() if self._homed else {"WR"})
         return sorted(found, key=PRIORITY.index)
-
-    def position(self) -> int:
-        """Return the motor's count."""
-        self._settle()
-        return self._zero - self.carriage_at(self._now_s)
 
     # --- commands ---
 
@@ -178,7 +162,8 @@ class VirtualZaberAxis(DrivenMotor):
     def _set(self, setting: str, value: str) -> str:
         number = _whole(value)
         if setting == "pos":
-            self._zero, self._referenced = self.carriage_at(self._now_s) + number, True
+            self._set_count(number)
+            self._homed = True
         elif setting == "resolution" or setting not in self.settings:
             raise CommandRejected("BADCOMMAND")
         elif setting in ("accel", "maxspeed") and number < (setting == "maxspeed"):
@@ -207,7 +192,7 @@ class VirtualZaberAxis(DrivenMotor):
         self._begin()
         native = rest[0] if rest and rest[0] else self.settings["maxspeed"]
         acceleration = self._acceleration(rest[1] if len(rest) > 1 and rest[1] else None)
-        self._go([(self._zero - target, native / self._units.speed)], acceleration)
+        self._ramp([(self._height(target), native / self._units.speed)], acceleration)
 
     def _begin(self) -> None:
         """Begin a movement command, which interrupts a running one and clears the warnings that last until then."""
@@ -217,28 +202,28 @@ class VirtualZaberAxis(DrivenMotor):
             self._warnings.add("NI")
         else:
             self._warnings -= {"NI", "WM", "NC"}
-        self._homing = False
+        self._searching = False
 
     def _end(self, deceleration: float) -> None:
         if self.busy:
             self._warnings.add("NI")
-            self._homing = False
+            self._searching = False
             self._brake(deceleration)
             self._schedule_end()
 
     def _home(self) -> None:
         fast, off = HOME_MM_S * self._counts_per_mm, BACK_OFF_MM * self._counts_per_mm
-        self._go([(0.0, fast), (-off, fast), (0.0, fast / 10)], self._acceleration(None))
-        self._homing = True
+        homed = self._homed  # Until the search ends.
+        self._search([(0.0, fast), (-off, fast), (0.0, fast / 10)], *2 * (self._acceleration(None),))
+        self._homed = homed
+        self._schedule_end()
 
-    def _settle(self) -> None:
-        """Update the state after homing."""
-        if self._homing and not self._axis.moving(self._now_s):
-            self._zero, self._referenced, self._homing = 0, True, False
-            self._warnings.discard("WH")
+    def _arrive_home(self) -> None:
+        super()._arrive_home()
+        self._warnings.discard("WH")
 
-    def _go(self, targets: list[tuple[float, float]], acceleration: float) -> None:
-        self._axis.go(targets, acceleration, acceleration, self._now_s)
+    def _ramp(self, legs: list[tuple[float, float]], acceleration: float) -> None:
+        self._go(legs, acceleration, acceleration)
         self._schedule_end()
 
     def _schedule_end(self) -> None:
@@ -340,8 +325,7 @@ class ZaberChain(MotorPair):
     def power_cycle(self) -> None:
         """Switch the chain off and on."""
         self._forget()
-        for axis in (self.x, self.z):
-            axis.power_cycle()
+        super().power_cycle()
 
     def _forget(self) -> None:
         self._heard = b""

@@ -1,4 +1,4 @@
-"""Stages whose axes count steps (Zaber, Standa, Trinamic): driver and virtual devices, and a wire for their links."""
+"""Stages whose axes count steps: driver and virtual devices, and a wire for their links."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from rig.devices.make_drivers import stage_driver
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
-from sim.devices.leadshine import DriveAxis
+from sim.devices.counted_motor import DriveAxis
 from sim.devices.line import SerialLine
 from tests.timed_wire import TimedWire
 
@@ -62,8 +62,10 @@ def bench_of(kind: str, *, homed: bool = True, connected: bool = True, **tables:
     stage: Stage = stage_driver(stage_opener(config, line, noted), clock, config)
     if connected:
         stage.connect()
-    if homed:
+    if homed and kind in PER_MM:
         _home_from_near(kind, stage, devices)
+    elif homed:
+        stage.home()
     sent.clear()
     return Bench(clock, devices, stage, (line, *line.further), sent)
 
@@ -71,31 +73,28 @@ def bench_of(kind: str, *, homed: bool = True, connected: bool = True, **tables:
 def _home_from_near(kind: str, stage: Stage, devices: Any) -> None:
     act = "search" if kind == "tmcl" else "_home"
     for axis in (devices.x, devices.z):
-        per_mm = 2 * axis._beyond if kind == "standa" else axis._counts_per_mm
+        per_mm = PER_MM[kind](axis)
         start = -round(NEAR_MM * per_mm)
         axis._axis, axis._zero = DriveAxis(start), start
-        setattr(axis, act, partial(SEARCHES[kind], axis, per_mm))
+        setattr(axis, act, partial(_search, axis, per_mm))
     stage.home()
     for axis in (devices.x, devices.z):
         delattr(axis, act)
 
 
-def _zaber_searches(axis: Any, per_mm: float) -> None:
-    axis._go([(0.0, per_mm)], 1e6)
-    axis._homing = True
+PER_MM: dict[str, Callable[[Any], float]] = {
+    "zaber": lambda axis: axis._counts_per_mm,
+    "standa": lambda axis: 2 * axis._highest,  # half a millimeter beyond home
+    "tmcl": lambda axis: axis._counts_per_mm,
+    "leadshine": lambda axis: 400.0,
+}
 
 
-def _standa_searches(axis: Any, per_mm: float) -> None:
-    axis._homing, axis.flags = True, axis.flags & ~0x20
-    axis._go([(0.0, per_mm)], [60000, 60000])
-
-
-def _tmcl_searches(axis: Any, per_mm: float) -> None:
-    axis._go([(0.0, per_mm)])
-    axis._searching = True
-
-
-SEARCHES = {"zaber": _zaber_searches, "standa": _standa_searches, "tmcl": _tmcl_searches}
+def _search(axis: Any, per_mm: float) -> None:
+    """Home at once from near."""
+    if hasattr(axis, "flags"):
+        axis.flags &= ~0x20
+    axis._search([(0.0, per_mm)], 1e6, 1e6)
 
 
 class ScriptedWire(TimedWire):

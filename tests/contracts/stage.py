@@ -6,8 +6,8 @@ A controller is one table of bytes in `tests/contracts/bytes/`, quoted from its 
 import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 from typing import Any, ClassVar
 
@@ -57,6 +57,29 @@ class Garbled:
 
 
 @dataclass(frozen=True)
+class Shown:
+    """What a controller shows of z, under way and at rest, and the error codes that follow; "" for none.
+
+    codes: at a look of a motion, of a status at rest, and before a motion. number: of an alarm.
+    """
+
+    moving: Replies
+    rest: Replies
+    codes: tuple[str, str, str]
+    number: int | str | None = None
+
+
+@dataclass(frozen=True)
+class HomingEnd:
+    """What z shows in a state of its homing, and then, and whether it is homed with it."""
+
+    state: str
+    shows: Replies
+    homed: bool = False
+    then: Replies = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Limit:
     """A lower limit that the controller has been given by these frames, in turn.
 
@@ -79,7 +102,9 @@ class StageBytes:
     move: arguments of move_to(), from home to `arrived`; trigger: the frame before which nothing moves. stop: the
     frames of a stop, all in one write; halt: the first one of a halt. unlock: how unlock() is refused, with the
     maker's number. held: the error where somebody stops it at the controller. lacks: what it cannot do, and why.
-    ports: of a controller with several, what stands before the frames on each.
+    ports: of a controller with several, what stands before the frames on each. settings: questions for a setting
+    that must be as configured, with other replies and the word that the error has for it. shows: what is noticed, and
+    what is not. ends: of homing.
     """
 
     name: str
@@ -102,6 +127,9 @@ class StageBytes:
     alarm: int | str
     held: tuple[type[StageError], str]
     garbled: Mapping[str, Garbled]
+    settings: Sequence[tuple[bytes, bytes, str]] = ()
+    shows: Mapping[str, Shown] = field(default_factory=dict)
+    ends: Mapping[str, HomingEnd] = field(default_factory=dict)
     limit: Limit | None = None
     lacks: Mapping[str, str] = field(default_factory=dict)
     frames: Callable[[bytes], Sequence[bytes]] = lambda data: [data]
@@ -257,15 +285,17 @@ class StageContract:
     devices: ClassVar[Sequence[StageBytes]] = ()
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """Every test for every controller, and for every reply that is garbled."""
-        if "garbled" in metafunc.fixturenames:
-            cases = [
-                pytest.param(device, case, id=f"{device.name}-{name}")
-                for device in self.devices
-                for name, case in device.garbled.items()
-            ]
-            metafunc.parametrize(("device", "garbled"), cases)
-        elif "device" in metafunc.fixturenames:
+        """Every test for every controller, and for every row of its table."""
+        for rows in ("garbled", "shows", "ends", "settings"):
+            if rows in metafunc.fixturenames:
+                cases = [
+                    pytest.param(device, case, id=f"{device.name}-{name}")
+                    for device in self.devices
+                    for name, case in _named(getattr(device, rows))
+                ]
+                metafunc.parametrize(("device", rows), cases)
+                return
+        if "device" in metafunc.fixturenames:
             metafunc.parametrize("device", self.devices, ids=lambda device: device.name)
 
     # --- who it is ---
@@ -285,6 +315,16 @@ class StageContract:
         bench.stage.close()
         assert bench.wire.closed
 
+    def test_a_setting_that_is_not_as_configured_is_refused_before_anything_moves(
+        self, device: StageBytes, settings: tuple[bytes, bytes, str]
+    ) -> None:
+        asked, reply, word = settings
+        bench = StageBench(device, connected=False)
+        bench.wire.instead[asked] = reply
+        with bench.fails(StageError, "not_as_configured", word=word, port=PORT):
+            bench.stage.connect()
+        assert device.trigger not in bench.wire.asked
+
     # --- homed or nothing moves ---
 
     def test_unhomed_nothing_is_sent_for_a_move(self, device: StageBytes) -> None:
@@ -299,6 +339,14 @@ class StageContract:
         assert not any(trusted)
         assert bench.stage.homed
         assert bench.stage.status() == device.home
+
+    def test_homing_that_ends_otherwise_than_at_home_is_no_homing(self, device: StageBytes, ends: HomingEnd) -> None:
+        shows = {**device.states[ends.state], **ends.shows}
+        states = {**device.states, ends.state: shows, "then": {**shows, **ends.then}}
+        bench = StageBench(replace(device, states=states))
+        with nullcontext() if ends.homed else bench.fails(StageError, "did_not_home", axis="z"):
+            bench.stage.home()
+        assert bench.stage.homed is ends.homed
 
     @pytest.mark.parametrize(("code", "move"), NO_MOVES, ids=str)
     def test_what_is_no_move_is_refused_before_any_byte(
@@ -398,6 +446,26 @@ class StageContract:
         with bench.fails(kind, code):
             bench.move()
         assert device.trigger not in bench.wire.asked
+
+    def test_what_a_controller_shows_is_noticed_at_the_next_look_and_before_a_motion(
+        self, device: StageBytes, shows: Shown
+    ) -> None:
+        number = {} if shows.number is None else {"number": shows.number}
+        at_look, at_rest, before = shows.codes
+        for code, replies, begins in (
+            (at_look, shows.moving, False),
+            (at_rest, shows.rest, None),
+            (before, shows.rest, True),
+        ):
+            bench = StageBench(device, homed=True)
+            looks = bench.stage.moving(**device.move)
+            if begins is False:
+                next(looks)
+            bench.wire.instead.update(replies)
+            with raises(StageError, code, **number) if code else suppress(StageError) if begins else nullcontext():
+                bench.stage.status() if begins is None else next(looks)
+            assert not code or bench.stage.homed is (code in ("held", "overridden"))
+            assert begins is None or (device.trigger in bench.wire.asked) is not bool(begins and code)
 
     # --- the ends of it ---
 
@@ -594,6 +662,13 @@ class StageContract:
                 bench.stage.set_output(on)
         assert bench.wire.writes == []
         assert bench.stage.homed
+
+
+def _named(rows: Any) -> list[tuple[str, Any]]:
+    """The rows of a table, with their names."""
+    return (
+        list(rows.items()) if isinstance(rows, Mapping) else [(f"{row[-1]}-{n}", row) for n, row in enumerate(rows)]
+    )
 
 
 def _garbled(bench: StageBench, garbled: Garbled) -> None:

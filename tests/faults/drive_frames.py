@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 
 from rig.devices.base import Axis, StageError
+from rig.devices.counted_axis import AxisSpec
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive
+from rig.devices.registry import KnownBench
 from rig.settings import DriveSettings, Framing
 from rig.transport import LoopbackTransport, TransportError
 from rig.transport.modbus import ModbusMaster
@@ -107,15 +109,15 @@ class DriveBench:
         self.wire = _Wire(line, self.clock)
         bus = ModbusMaster(self.wire, self.clock, framing=framing)
         x, z = (
-            LeadshineDrive(bus, self.clock, axis, settings, pulses_per_mm=PER_MM, travel_mm=60.0)
+            LeadshineDrive(bus, self.clock, AxisSpec(axis, PER_MM, 60.0), settings)
             for axis, settings in (("x", _settings(X_ID)), ("z", _settings(Z_ID)))
         )
-        self.stage = LeadshineStage(x, z, inputs_register=0x0179)
+        self.stage = LeadshineStage(x, z, KnownBench.model_validate({"stage": {"kind": "leadshine"}}))
         for drive in (self.x, self.z):
             drive.write(0x6002, [0x21])  # homed, at its switch
         self.stage.connect()
         for one in (x, z):
-            one.set_soft_limits()
+            one.finish_homing()
         self.stage._trusted = True
         self.stage.move_to(x_mm=X_MM, speed_mm_s=100.0)
         self.stage.move_to(z_mm=Z_MM, speed_mm_s=100.0)
@@ -127,11 +129,10 @@ class DriveBench:
 
 
 def _jogged(bench: DriveBench, axis: Axis, by_mm: float) -> None:
-    """A slice, and once more while the first is under way."""
-    bench.stage.jog(axis, by_mm / 2, 1.0)
-    bench.clock.wait_s(0.01)
-    bench.stage.jog(axis, by_mm / 2, 1.0)
-    bench.clock.wait_s(0.5)
+    """Two slices, each from rest."""
+    for _ in range(2):
+        bench.stage.jog(axis, by_mm / 2, 1.0)
+        bench.clock.wait_s(0.5)
     bench.stage.end_jog()
 
 

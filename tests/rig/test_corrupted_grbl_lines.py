@@ -95,16 +95,8 @@ class Motion:
 
 
 def _jog(stage: GrblStage, axis: Axis, by_mm: float) -> None:
-    stage.jog(axis, by_mm, 5.0)
-    stage.jog(axis, by_mm, 5.0)
-    while stage.status().state == "Jog":
-        stage._clock.wait_s(0.02)
-    stage.end_jog()
-
-
-def _jog_from_rest(stage: GrblStage, by_mm: float) -> None:
     for _ in range(2):
-        stage.jog("z", by_mm, 5.0)
+        stage.jog(axis, by_mm, 5.0)
         while stage.status().state == "Jog":
             stage._clock.wait_s(0.02)
     stage.end_jog()
@@ -119,9 +111,7 @@ MOTIONS = {
     "oblique": Motion(
         lambda stage: stage.move_to(x_mm=-3.0, y_mm=-2.0, speed_mm_s=5.0), (-3.0, -2.0, Z), aside_mm=math.inf
     ),
-    "jog up": Motion(lambda stage: _jog_from_rest(stage, 0.5), (X, Y, -3.0), arrives=False),
-    # While the board moves, one bit makes X of a line's Z: then a slice goes sideways.
-    "jog up on": Motion(lambda stage: _jog(stage, "z", 0.5), (X, Y, -3.0), aside_mm=0.5, arrives=False),
+    "jog up": Motion(lambda stage: _jog(stage, "z", 0.5), (X, Y, -3.0), arrives=False),
     "jog down": Motion(lambda stage: _jog(stage, "z", -0.05), (X, Y, -4.1), arrives=False),
     "jog left": Motion(lambda stage: _jog(stage, "x", -0.5), (-2.0, Y, Z), aside_mm=math.inf, arrives=False),
 }

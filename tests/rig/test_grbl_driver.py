@@ -16,7 +16,7 @@ from rig.devices.base import (
     StageTimeout,
 )
 from rig.devices.grbl import GrblStage
-from rig.devices.grbl_link import ASK_TIMES, expected_settings, parse_setting
+from rig.devices.grbl_link import ASK_TIMES, expected_settings, number, parse_setting
 from rig.devices.registry import StageKind, find
 from rig.plan.config import Config
 from rig.settings import RigSettings
@@ -252,9 +252,9 @@ def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, 
 
 def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
     """After three times: an axis that was garbled is refused by its travel, too."""
-    again = [*confirmed("X0Y0Z0", 60, AT, AT), (b"$J=G91Z0X99F60\n", b"error:15\r\n")]
+    again = [*confirmed("X-99Y0Z0", 60, AT, (98.0, -2.0, -3.0)), (b"$J=X0F60\n", b"error:15\r\n")]
     board = stage([(b"?", IDLE), *again, (b"?", IDLE), *again, (b"?", IDLE), *again])
-    with raises(StageRejected, "line_refused", number=15, line="$J=G91Z0X99F60"):
+    with raises(StageRejected, "line_refused", number=15, line="$J=X0F60"):
         board.jog("x", 99.0, 1.0)
 
 
@@ -499,16 +499,11 @@ def test_a_setting_is_one_number_or_none(line: str, read: tuple[int, float] | No
 
 
 @pytest.mark.parametrize(
-    ("by_mm", "told"),
+    ("mm", "printed"),
     [(0.12344, "0.1234"), (0.12346, "0.1235"), (-0.00004, "0"), (-10.0, "-10")],
 )
-def test_a_distance_is_told_to_a_tenth_of_a_micrometre(
-    board: Board, clock: VirtualClock, by_mm: float, told: str
-) -> None:
-    stage = GrblStage(board, clock)
-    stage.connect()
-    stage.jog("y", by_mm, 1.0)
-    assert board.said[-1] == f"$J=G91Z0Y{told}F60\n".encode()
+def test_a_coordinate_has_a_tenth_of_a_micrometer(mm: float, printed: str) -> None:
+    assert number(mm) == printed
 
 
 @pytest.mark.parametrize(("speed_mm_s", "told"), [(1 / 60, "F1"), (0.5, "F30"), (0.33333, "F20"), (10.0, "F600")])
@@ -517,7 +512,7 @@ def test_a_speed_is_told_per_minute(board: Board, clock: VirtualClock, speed_mm_
     stage = GrblStage(board, clock)
     stage.connect()
     stage.jog("y", 0.25, speed_mm_s)
-    assert board.said[-1] == f"$J=G91Z0Y0.25{told}\n".encode()
+    assert board.said[-1] == f"$J=Y0{told}\n".encode()
     heard = len(board.said)
     with raises(MoveError, "too_slow", least_mm_s=1 / 60):
         stage.jog("y", 0.25, 0.99 / 60)

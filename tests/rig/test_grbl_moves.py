@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
+from typing import Any
 
 import pytest
 
@@ -285,20 +286,16 @@ def test_a_feed_hold_that_may_have_been_lost_is_repeated(board: Board) -> None:
 # --- jogs ---
 
 
-@pytest.mark.parametrize("by_mm", [0.1, -0.1])
-@pytest.mark.parametrize(("first", "then"), [("x", "z"), ("z", "x")])
-def test_a_jog_of_another_axis_waits_for_the_end_of_the_one_before(
-    board: Board, clock: VirtualClock, first: str, then: str, by_mm: float
-) -> None:
+@pytest.mark.parametrize(("axis", "zero"), [("x", "X0.1Y0Z0"), ("y", "X0Y0.1Z0"), ("z", "X0Y0Z0.1")])
+def test_a_jog_goes_from_rest_to_a_place_that_the_board_has_confirmed(board: Board, axis: Any, zero: str) -> None:
     stage = connected(board)
-    stage.jog(first, 0.1, 1.0)  # type: ignore[arg-type]
-    begun_s = clock.monotonic_s()
-    board.next[b"?"] = [at("Jog")] * 5
-    board.heard.clear()
-    stage.jog(then, by_mm, 1.0)  # type: ignore[arg-type]
-    assert board.said[:6] == [b"?"] * 6
-    assert clock.monotonic_s() - begun_s == pytest.approx(0.1)
-    assert board.said[-1].startswith(b"$J=")
+    stage.jog(axis, -0.1, 1.0)
+    assert board.said == [f"G92{zero}G90G21G94F60\n".encode(), b"?", f"$J={axis.upper()}0F60\n".encode()]
+    answer = board._answer
+    board._answer = lambda data: at("Jog") if data == b"?" else answer(data)  # type: ignore[method-assign]
+    with raises(StageError, "not_idle", state="Jog"):
+        stage.jog(axis, -0.1, 1.0)
+    assert len([data for data in board.said if data.startswith(b"$J=")]) == 1
 
 
 def test_a_cancelled_jog_is_over_once_the_board_stands_for_half_a_second(board: Board, clock: VirtualClock) -> None:
@@ -319,38 +316,6 @@ def test_a_jog_that_goes_on_is_cancelled_each_half_second_for_five(board: Board,
         stage.end_jog()
     assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.021)
     assert [t_s - begun_s for t_s in board.times(b"\x85")] == pytest.approx([0.5 * k for k in range(10)], abs=0.2)
-
-
-# --- jogs up ---
-
-
-def test_a_jog_up_is_extended_on_its_way_and_one_from_rest_or_after_another_is_confirmed(board: Board) -> None:
-    """On its way it is one line, which the board joins to the motion before it."""
-    stage = connected(board)
-    for _ in range(3):
-        stage.jog("z", 0.1, 1.0)
-    lines = [data for data in board.said if data != b"?"]
-    extended = b"$J=G91Z0.1F60\n"
-    assert lines == [b"G92X0Y0Z-0.1G90G21G94F60\n", b"$J=Z0F60\n", extended, extended]
-    for before in (stage.status, lambda: stage.jog("x", 0.1, 1.0), lambda: stage.jog("z", -0.1, 1.0)):
-        board.status = at("Idle", z_mm=-3.1)
-        before()
-        board.heard.clear()
-        board.status = at("Idle", z_mm=-3.1)
-        stage.jog("z", 0.1, 1.0)
-        assert board.said[-1] == b"$J=Z0F60\n"
-        board.status = at("Idle")
-        stage.end_jog()
-
-
-def test_a_jog_down_is_never_an_extension(board: Board, clock: VirtualClock) -> None:
-    """It waits for the end of one up, and goes to a place that the board has confirmed."""
-    stage = connected(board)
-    stage.jog("z", 0.1, 1.0)
-    board.next[b"?"] = [at("Jog"), at("Idle")]
-    board.heard.clear()
-    stage.jog("z", -0.1, 1.0)
-    assert board.said == [b"?", b"?", b"G92X0Y0Z0.1G90G21G94F60\n", b"?", b"$J=Z0F60\n"]
 
 
 # --- the ends of the travel ---

@@ -136,7 +136,7 @@ def test_a_halt_keeps_the_trust_there_was(board: Board, state: str) -> None:
 
 def test_a_refused_line_loses_nothing(board: Board) -> None:
     stage = connected(board)
-    board.answers[b"$J=G91Z0X1F60\n"] = b"error:15\r\n"
+    board.answers[b"$J=X0F60\n"] = b"error:15\r\n"
     with raises(StageRejected, "line_refused", number=15):
         stage.jog("x", 1.0, 1.0)
     assert stage.homed

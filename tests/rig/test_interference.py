@@ -133,19 +133,6 @@ def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Ben
     assert bench.x_mm() == at_mm > -3.0
 
 
-def test_a_step_down_that_was_cut_short_at_the_controller_is_the_last(bench: Bench) -> None:
-    """Down it goes from rest to rest, each step to a place that the board has confirmed."""
-    bench.stage.jog("z", -0.1, 1.0)
-    bench.clock.wait_s(0.03)
-    bench.line.host_write(b"!")
-    with raises(StageError, "jog_stopped", axis="Z"):
-        bench.stage.jog("z", -0.1, 1.0)
-    bench.stage.end_jog()
-    at_steps = bench.board.carriage_steps_at(bench.clock.monotonic_s())
-    bench.clock.wait_s(1.0)
-    assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == at_steps
-
-
 CYCLE_S = [0.6 + 0.0083 * i for i in range(13)]
 
 

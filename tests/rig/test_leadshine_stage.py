@@ -8,21 +8,14 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
+from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import words
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
-    ALARM,
-    DISABLED,
-    FEEDBACK,
-    HOME,
     HOMED,
     PR0,
-    RUN_PR0,
     RUNNING,
-    STATUS,
     TRIGGER,
     Bus,
     X,
@@ -49,26 +42,6 @@ VERBS: dict[str, Callable[[LeadshineStage], object]] = {
 }
 
 
-@pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize(
-    ("word", "kind", "code", "fields"),
-    [
-        (ALARM, StageAlarm, "alarm", {"number": 0xE0}),
-        (DISABLED, StageError, "not_enabled", {"axis": "z", "drive": 2}),
-    ],
-    ids=["alarm", "disabled"],
-)
-def test_nothing_is_written_to_a_drive_that_would_not_obey(
-    bench: Make, verb: str, word: int, kind: type[StageError], code: str, fields: dict[str, Any]
-) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: word
-    bus.registers[Z, 0x2203] = 0xE0
-    with raises(kind, code, **fields):
-        VERBS[verb](stage)
-    assert bus.told == []
-
-
 @pytest.mark.parametrize(
     ("ports", "x", "refused"),
     [(("/dev/ttyUSB1", "/dev/ttyUSB1"), Z, True), (("/dev/ttyUSB1", "/dev/ttyUSB1"), X, False),
@@ -80,9 +53,9 @@ def test_drives_that_two_ports_could_exchange_are_refused(
 ) -> None:
     """With the same address behind two adapters, z's paths would move x if their names change places."""
     bus, stage = bench()
-    stage._drives["x"].bus = copy(bus)
-    stage._drives["x"].bus.name, bus.name = ports
-    stage._drives["x"].device_id = x
+    drive: Any = stage._axes["x"]
+    drive.link, drive.device_id = copy(bus), x
+    drive.link.name, bus.name = ports
     with raises(StageError, "port_may_change", port=ports[1], device=Z) if refused else nullcontext():
         stage.connect()
     assert bool(bus.told) is not refused
@@ -100,29 +73,6 @@ def test_a_jog_does_not_begin_where_two_answers_differ(bench: Make) -> None:
     with raises(StageError, "answers_differ", axis="x", drive=1, once=4, again=5):
         stage.jog("x", -1.0, 1.0)
     assert bus.told == []
-
-
-@pytest.mark.parametrize(("verb", "register"), [("home", 0x600A), ("jog", 0x6200), ("move_to", 0x6200)])
-def test_a_stop_from_another_thread_before_the_trigger_is_the_last_word(
-    bench: Make, verb: str, register: int
-) -> None:
-    bus, stage = bench()
-    read = bus.read
-
-    def stopped_meanwhile(device: int, asked: int, count: int = 1) -> list[int]:
-        found = read(device, asked, count)
-        if asked == register:
-            bus.read = read  # type: ignore[method-assign]
-            stage.stop()
-        return found
-
-    bus.read = stopped_meanwhile  # type: ignore[method-assign]
-    with raises(StageError, "stopped", axis="z", drive=2):
-        VERBS[verb](stage)
-    triggers = [said for _, _, told, said in bus.told if told == 0x6002]
-    assert triggers == [[0x40]] * len(triggers)
-    assert triggers
-    assert not stage.homed
 
 
 @pytest.mark.parametrize("per_mm", [200.0, -200.0])
@@ -148,7 +98,7 @@ def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_mo
     """At power-on it has them from its memory again, and its speeds of homing and jogging."""
     bus, stage = bench()
     bus.status = lambda device, t_s: HOMED & ~0x40
-    with raises(StageError, "lost_home", axis="z", drive=2):
+    with raises(StageReset, "was_reset", axis="z", drive=2):
         VERBS[loses](stage)
     path_1, jog_rpm = (Z, 0x6208), (Z, 0x01E1)
     bus.registers[path_1], bus.registers[jog_rpm] = 0x41, 60
@@ -189,20 +139,12 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     assert stage.homed
 
 
-@pytest.mark.parametrize("device", [X, Z])
-def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make, device: int) -> None:
-    bus, stage = bench()
-    bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
-    seen = stage.look()
-    assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
-
-
 # --- the rest ---
 
 
 @pytest.mark.parametrize("register", [0x0179, 0x017A])
 def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, register: int) -> None:
-    bus, stage = bench(inputs_register=register)
+    bus, stage = bench(stop={"inputs_register": register})
     for word, inputs in ((0, set()), (1, {"di1"}), (64, {"di7"}), (0b0101_0010, {"di2", "di5", "di7"}), (128, set())):
         bus.registers[Z, register] = word
         assert stage.active_inputs() == inputs
@@ -271,83 +213,6 @@ def test_a_drive_that_is_not_seen_to_run_has_homed_if_it_was_not_homed_meanwhile
     assert stage.homed
 
 
-@pytest.mark.parametrize(("off", "fine"), [(2, True), (-2, True), (3, False), (-3, False)])
-def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make, off: int, fine: bool) -> None:
-    """By its encoder; −1.0004 mm is pulse −1000."""
-    bus, stage = bench(per_mm=1000.0)
-    read = bus.read
-
-    def off_target(device: int, register: int, count: int = 1) -> list[int]:
-        return words(-1000 + off) if register == FEEDBACK else read(device, register, count)
-
-    bus.read = off_target  # type: ignore[method-assign]
-    if fine:
-        stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
-    else:
-        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0004}
-        with raises(StageError, "not_there", axis="x", drive=1, **at):
-            stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
-    assert stage.homed is fine
-
-
-def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
-    """It has 50 ms from the trigger on to show that it runs."""
-    bus, stage = bench()
-    stage.home()
-    for device in (X, Z):
-        triggered_s = next(t_s for t_s, *what in bus.told if what == [device, TRIGGER, [HOME]])
-        asked_s = next(t_s for t_s, *what in bus.asked if what == [device, STATUS] and t_s > triggered_s)
-        assert asked_s - triggered_s == pytest.approx(0.05)
-
-
-def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: RUNNING if bus.told and bus.told[-1][3] == [RUN_PR0] else HOMED
-    looks = stage.moving(x_mm=-10.0, speed_mm_s=1.0)
-    next(looks)
-    stage.stop()
-    with raises(StageError, "stopped", axis="x", drive=1):
-        next(looks)
-    assert not stage.homed
-
-
-# --- jogs ---
-
-
-def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
-    """At rest that is where it stands, wherever an earlier jog led."""
-    bus, stage = bench()
-    bus.stands(X, -400)
-    stage.jog("x", -1.0, 1.0)
-    bus.status = lambda device, t_s: RUNNING
-    bus.stands(X, -500)  # on its way
-    stage.jog("x", -1.0, 1.0)
-    bus.status = lambda device, t_s: HOMED
-    bus.stands(X, -4000)
-    stage.jog("x", 0.5, 1.0)
-    assert bus.paths() == [(X, -800), (X, -1200), (X, -3800)]
-
-
-ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
-    "halt": lambda stage: stage.halt(),
-    "stop": lambda stage: stage.stop(),
-    "home": lambda stage: stage.home(),
-    "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
-}
-
-
-@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
-def test_a_jog_that_has_ended_is_not_extended(bench: Make, end: str) -> None:
-    """Somebody else runs the drive when the next jog comes."""
-    bus, stage = bench()
-    stage.jog("x", -2.0, 1.0)
-    ENDS_OF_A_JOG[end](stage)
-    bus.status = lambda device, t_s: RUNNING
-    bus.stands(X, -4000)
-    stage.jog("x", -0.5, 1.0)
-    assert bus.paths()[-1] == (X, -4200)
-
-
 # --- stopping ---
 
 
@@ -384,31 +249,3 @@ def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
     bus.told.clear()
     stage.halt()
     assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
-
-
-def test_an_alarm_that_lasts_is_not_unlocked(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status, bus.registers[Z, 0x2203] = lambda device, t_s: ALARM, 0xE0
-    with raises(StageAlarm, "alarm", number=0xE0, axis="z"):
-        stage.unlock()
-    assert not stage.homed
-
-
-def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
-    bus, stage = bench()
-    bus.trouble = ModbusRefused("refused with exception 3")
-    with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
-        stage.halt()
-    with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
-        stage.stop()
-    assert {device for _, device, *_ in bus.told} == {X, Z}
-
-
-def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: VirtualClock) -> None:
-    bus, stage = bench()
-    bus.takes_s = 0.01
-    bus.status = lambda device, t_s: RUNNING
-    begun_s = clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=1.0):
-        stage.halt()
-    assert clock.monotonic_s() - begun_s == pytest.approx(1.0, abs=0.04)

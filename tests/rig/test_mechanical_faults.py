@@ -153,8 +153,8 @@ def _corrupt_grbl(bench: Slipping, by_mm: float) -> None:
 
 
 def _corrupt_modbus(bench: Slipping, by_mm: float) -> None:
-    drive = bench.stage._drives["z"]  # type: ignore[attr-defined]
-    pulses, struck = drive._pulses, list[bool]()
+    drive = bench.stage._axes["z"]  # type: ignore[attr-defined]
+    pulses, struck = drive.counts, list[bool]()
 
     def corrupted(mm: float) -> int:
         if struck:
@@ -162,7 +162,7 @@ def _corrupt_modbus(bench: Slipping, by_mm: float) -> None:
         struck.append(True)
         return int(pulses(mm - by_mm))
 
-    drive._pulses = corrupted
+    drive.counts = corrupted
 
 
 CORRUPT = {"grbl": _corrupt_grbl, "modbus": _corrupt_modbus}

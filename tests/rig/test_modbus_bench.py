@@ -10,7 +10,7 @@ import pytest
 
 from rig.bench.virtual import virtual_force, virtual_stage
 from rig.data.events import STREAMS
-from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageTimeout
+from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageReset, StageTimeout
 from rig.devices.laumas import LaumasForce
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.make_drivers import force_driver, stage_driver
@@ -201,7 +201,7 @@ def test_a_drive_that_was_switched_off_is_not_homed(make: Make, axis: str) -> No
     getattr(bench.drives, axis).power_cycle()
     at, frame = bench.carriage_mm, bench.config.frame
     target = {"x": {"x_mm": frame.pad_centre_x_mm + 1.0}, "z": {"z_mm": frame.apex_z_mm + 1.0}}[axis]
-    with raises(StageError, "lost_home", axis=axis):
+    with raises(StageReset, "was_reset", axis=axis):
         bench.stage.move_to(**target, speed_mm_s=1.0)
     assert bench.carriage_mm == at
     assert not bench.stage.homed

@@ -106,7 +106,7 @@ def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
 
 def test_a_path_that_is_not_read_back_presses(monkeypatch: pytest.MonkeyPatch) -> None:
     number = _out_frame("press", "10 62 00 00 07")
-    monkeypatch.setattr(LeadshineDrive, "_expect", lambda *_: None)
+    monkeypatch.setattr(LeadshineDrive, "compare", lambda *_: None)
     assert wrong("press", "tcp", FrameFault(True, number, "bit", 17, 4)).startswith("z -")
 
 

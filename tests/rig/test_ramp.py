@@ -11,7 +11,7 @@ import pytest
 
 import rig.engine.indentation as indentations
 import rig.protocol.check as checks
-from rig.devices import standa_link, tmcl_link, zaber_link
+from rig.devices import drive_link
 from rig.devices.base import StageError
 from rig.devices.registry import StageKind
 from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError, indent, verbs
@@ -369,7 +369,7 @@ def test_a_lost_journal_ends_it_and_lifts(faulty: FaultyBench) -> None:
 
 def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
     stopped_mm: list[float] = []
-    for link in (modbus, standa_link, tmcl_link, zaber_link):
+    for link in (modbus, drive_link):
         # An exchange never ends here, where all is one thread; on a rig it is waited for, in real time.
         monkeypatch.setattr(link, "in_turn", lambda lock, most_s: nullcontext())
 

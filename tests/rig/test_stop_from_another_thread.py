@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from rig.clock import WallClock
-from rig.devices.base import StageError, StageNotHomed
-from rig.devices.leadshine import LeadshineStage
+from rig.devices.base import StageError
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -95,53 +94,6 @@ def test_lines_are_refused_before_the_stop_is_on_the_wire(board: Watched) -> Non
 
 
 # --- drives ---
-
-
-class Drive:
-    """Answers whatever is asked of it as if it had arrived; at one question somebody stops the stage."""
-
-    device_id, harmless = 1, False
-
-    def __init__(self, events: list[str]) -> None:
-        self.events, self.bus = events, self
-        self.while_homing: Callable[[], None] = lambda: None
-
-    def refuse_fault(self) -> None:
-        """There is none."""
-
-    def disarm(self) -> None:
-        """Nothing is armed."""
-
-    def homing(self, keep_on: Callable[[], bool]) -> Any:
-        self.while_homing()
-        yield None
-
-    def rpm(self, speed_mm_s: float) -> int:
-        return 60
-
-    def set_soft_limits(self) -> None:
-        """As they are."""
-
-    def send_now(self, ids: list[int], register: int, word: int) -> None:
-        self.events.append(f"{register:04x} {word:04x}")
-
-    def confirm_stopped(self) -> None:
-        self.events.append("stands")
-
-
-@pytest.mark.parametrize("stopped", [False, True])
-def test_drives_that_were_stopped_while_they_homed_are_not_homed(stopped: bool) -> None:
-    events: list[str] = []
-    x, z = Drive(events), Drive(events)
-    stage = LeadshineStage(x, z, inputs_register=0x0179)  # type: ignore[arg-type]
-    if stopped:
-        x.while_homing = stage.stop
-    stage.home()
-    assert stage.homed is not stopped
-    assert events == (["6002 0040"] * 2 + ["stands"] * 2 if stopped else [])
-    if stopped:
-        with pytest.raises(StageNotHomed):
-            stage.move_to(z_mm=-1.0, speed_mm_s=1.0)
 
 
 class Wire:

@@ -1,23 +1,19 @@
 """The Zaber driver byte for byte: transcripts of the maker's client, faults, retries; and the virtual chain."""
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pytest
 
 from rig.devices.base import (
     StageAlarm,
     StageError,
-    StageHeld,
-    StageOverridden,
+    StageRejected,
     StageTimeout,
 )
 from rig.devices.zaber_link import ZaberLink, checksum, frame
 from sim.devices.clock import VirtualClock
-from sim.devices.zaber import ZaberChain
 from tests.contracts import counted
 from tests.contracts.bytes import zaber as chain
 from tests.contracts.counted import Bench, ScriptedWire
@@ -68,6 +64,13 @@ def test_other_lines_and_late_replies_are_passed_over() -> None:
     assert link.alerts == {(2, 1): "FS"}
 
 
+def test_a_refused_question_is_not_repeated() -> None:
+    wire, link = linked([sealed("@01 1 00 RJ IDLE -- BADCOMMAND")], [sealed("@01 1 01 OK IDLE -- 1")])
+    with raises(StageRejected, "line_refused", number="BADCOMMAND"):
+        link.ask(1, 1, "get pos")
+    assert wire.sent == [frame(1, 1, 0, "get pos")]
+
+
 def test_an_id_without_a_reply_is_not_used_again_soon() -> None:
     """Its reply may come when the ids have gone once round."""
     clock = VirtualClock(0.0, 100.0)
@@ -109,15 +112,6 @@ def commands(bench: Bench) -> list[str]:
 bench_of = partial(counted.bench_of, "zaber")
 
 
-def test_a_move_has_its_speed_and_its_ramp() -> None:
-    """10 mm at 2 mm/s; `accel` 4 is 61 mm/s²."""
-    bench = bench_of()
-    begun_s = bench.clock.monotonic_s()
-    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
-    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / 61, abs=0.05)
-    assert [words for words in commands(bench) if "move" in words] == ["2 1 move abs 4000 1310"]
-
-
 def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> None:
     bench = bench_of(homed=False)
     bench.stage.home()
@@ -130,46 +124,11 @@ def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> N
     assert bench.devices.z.settings["limit.max"] == 16000
 
 
-@pytest.mark.parametrize(
-    ("change", "setting"),
-    [
-        (lambda chain: chain.z.settings.update(resolution=128), "resolution"),
-        (lambda chain: chain.z.settings.update(accel=1), "accel"),
-        (lambda chain: chain.x.settings.update({"limit.max": 100}), "limit.max"),
-        (lambda chain: chain.devices[1].settings.update(version="7.20"), "firmware"),
-        (lambda chain: chain.devices[1].settings.update(version="6.28"), "firmware"),
-        (lambda chain: chain.devices[1].settings.update(version="beta"), "firmware"),
-        (lambda chain: chain.devices[2].settings.update(version="7.24"), "firmware"),
-    ],
-)
-def test_a_device_that_is_set_otherwise_is_refused(change: Callable[[ZaberChain], Any], setting: str) -> None:
-    bench = bench_of(homed=False)
-    change(bench.devices)
-    with raises(StageError, "not_as_configured", setting=setting, port="wire"):
-        bench.stage.connect()
-
-
 @pytest.mark.parametrize("version", ["7.25", "7.25.3", "10.1"])
 def test_firmware_from_7_25_on_is_accepted(version: str) -> None:
     bench = bench_of(homed=False)
     bench.devices.devices[1].settings.update(version=version)
     assert version in bench.stage.connect()
-
-
-@pytest.mark.parametrize(
-    ("flag", "position", "homed"),
-    [
-        ("NI", 0, False), ("WR", 0, False), ("WH", 0, False), ("--", 2, False), ("--", -2, False),
-        ("WV", 0, True), ("NC", 0, True), ("--", 1, True), ("--", -1, True),
-    ],
-)  # fmt: skip
-def test_homing_that_ends_otherwise_than_at_home_is_no_homing(flag: str, position: int, homed: bool) -> None:
-    """Interrupted, without a home position, or more than a microstep from it."""
-    ends = {**chain.DEVICE.states["z is home"], **chain.axis(2, f"IDLE {flag}", position)}
-    bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z is home": ends}))
-    with nullcontext() if homed else raises(StageError, "did_not_home", axis="z", position=position):
-        bench.stage.home()
-    assert bench.stage.homed is homed
 
 
 @pytest.mark.parametrize("flag", ["WM", "FS"])
@@ -205,45 +164,7 @@ def test_a_list_of_warnings_of_another_length_is_not_believed(listed: bytes) -> 
         bench.stage.status()
 
 
-def test_a_device_without_checksums_is_refused() -> None:
-    bench = bench_of(homed=False)
-    bench.devices.devices[1].settings["comm.checksum"] = "0"
-    with raises(StageError, "no_checksum"):
-        bench.stage.connect()
-
-
 # --- what stops it ---
-
-TRIPS = ["FS", "FE", "FH", "FD", "FO", "FQ", "FR", "FT", "FF", "WS", "WL"]
-
-
-@pytest.mark.parametrize("flag", TRIPS)
-def test_a_fault_under_way_is_an_alarm_with_its_letters_and_stays_until_it_is_cleared(flag: str) -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    (bench.devices.z.warn if flag == "WS" else bench.devices.z.fail)(flag)
-    with raises(StageAlarm, "alarm", number=flag, axis="z"):
-        list(looks)
-    assert not bench.stage.homed
-    bench.stage.halt()
-    assert bench.stage.status().state == "Alarm"
-    with raises(StageAlarm, "alarm", number=flag):
-        bench.stage.home()
-    bench.devices.z.repair(flag) if flag in ("FH", "FD", "FO", "FF") else None
-    bench.stage.unlock()
-    bench.stage.home()
-    assert bench.stage.homed
-
-
-def test_a_stage_that_is_moved_while_it_stands_is_an_alarm_at_the_next_status() -> None:
-    bench = bench_of()
-    bench.devices.z.warn("WM")
-    with raises(StageAlarm, "alarm", number="WM", axis="z"):
-        bench.stage.status()
-    assert not bench.stage.homed
-    bench.stage.home()
-    assert bench.stage.homed
 
 
 @pytest.mark.parametrize("hides", ["WV", "WT"])
@@ -268,41 +189,7 @@ def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
         list(looks)
 
 
-@pytest.mark.parametrize(
-    ("kind", "code", "act"),
-    [
-        (StageHeld, "held", lambda chain: chain.z.turn_knob(200)),
-        (StageOverridden, "overridden", lambda chain: chain.z.obey(["move", "abs", "400"])),
-    ],
-)
-def test_the_knob_and_another_program_end_a_move_and_the_position_stays_trusted(
-    kind: type[StageError], code: str, act: Callable[[ZaberChain], object]
-) -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    act(bench.devices)
-    with raises(kind, code):
-        list(looks)
-    bench.stage.halt()
-    assert bench.stage.homed
-    bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
-
-
 # --- stop ---
-
-
-def test_a_stop_is_one_write_to_the_whole_chain_and_is_confirmed() -> None:
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
-    bench.sent.clear()
-    asked_s = bench.clock.monotonic_s()
-    bench.stage.stop()
-    assert bench.sent[0][0] == asked_s
-    assert commands(bench)[0] == "0 0 stop"
-    assert not [words for words in commands(bench) if "estop" in words]
-    assert not bench.stage.homed
-    assert bench.stands()
 
 
 def test_a_stop_that_is_lost_with_the_next_question_is_repeated() -> None:

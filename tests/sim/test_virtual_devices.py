@@ -9,7 +9,7 @@ import pytest
 
 from sim.devices import SerialLine, VirtualBalance
 from sim.devices.clock import VirtualClock
-from sim.devices.leadshine import DriveAxis, ramps_to_rest
+from sim.devices.counted_motor import DriveAxis, ramps_to_rest
 from sim.devices.line import Load, load_cell
 from sim.errors import ArgumentError
 from tests.error_codes import raises

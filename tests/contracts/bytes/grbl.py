@@ -1,7 +1,7 @@
 """A GRBL 1.1 board at 115200 baud: 10 mm down from home, and what it says on the way."""
 
 from rig.devices.base import StageHeld, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, Shown, StageBytes
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 OK = b"ok\r\n"
@@ -74,6 +74,30 @@ DEVICE = StageBytes(
         "infinity": Garbled(b"<Idle|MPos:-1.000,inf,-1.000>\r\n", StageTimeout, "no_status"),
         "another line": Garbled(b"[MSG:hm]\r\n", StageTimeout, "no_status"),
         "half a line": Garbled(b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>", StageTimeout, "no_status"),
+    },
+    settings=[
+        (b"$$\n", SETTINGS.replace(b"$13=0", b"$13=1"), "$13=0"),
+        (b"$$\n", SETTINGS.replace(b"$22=1", b"$22=0"), "$22=1"),
+        (b"$$\n", SETTINGS.replace(b"$32=0", b"$32=1"), "$32=0"),
+        (b"$$\n", SETTINGS.replace(b"$130=60", b"$130=59"), "$130=60"),
+        (b"$$\n", SETTINGS.replace(b"$23=0", b"$23=4"), "$23=0"),
+    ],
+    shows={
+        **{
+            state: Shown({WHERE: GOING.replace(b"Run", text)}, {WHERE: AT_HOME.replace(b"Idle", text)}, codes)
+            for state, text, codes in (
+                ("a hold", b"Hold:0", ("held", "", "held")),
+                ("a door", b"Door:1", ("held", "", "held")),
+            )
+        },
+        **{
+            f"override {text.decode()}": Shown(
+                {WHERE: GOING.replace(b"|FS", b"|Ov:" + text + b"|FS")},
+                {WHERE: AT_HOME.replace(b"|FS", b"|Ov:" + text + b"|FS")},
+                ("overridden", "", "overridden"),
+            )
+            for text in (b"90,100,100", b"100,50,100", b"100,100,90")
+        },
     },
     lacks={
         "limit": "soft limits are stored in a memory that wears out: they are written once, by connect()",

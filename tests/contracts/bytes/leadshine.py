@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rig.devices.base import StageError, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, Shown, StageBytes
 
 X, Z = 1, 2
 Y_MM = -15.0  # set by hand, as the configuration says by default
@@ -52,6 +52,7 @@ READY, HOMED, RUNNING, FAULT, DISABLED = "00 32", "00 72", "00 46", "00 01", "00
 ZERO, HALF, THERE, ELSEWHERE = "00 00 00 00", "FF FF FE 0C", "FF FF FC 18", "FF FF FC 22"
 CREEP, SEARCH = "00 01 00 01 01 4D 01 4D", "01 2C 00 19 01 4D 01 4D"
 PATH = "00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00"  # absolute, −1000 pulses, 30 rpm, ramps of 333 ms
+JOG = "00 01 FF FF FF D8 00 3C 01 4D 01 4D 00 00"  # 0.1 mm down at 1 mm/s
 
 
 def usual(device: int, lowest: str, homing: str) -> Replies:
@@ -84,6 +85,13 @@ UNHOMED_X = status(X, READY)
 GOING = {**status(Z, RUNNING), **stands(Z, HALF, HALF), **one("02 06 60 02 00 40", "slowing")}
 FLOOR = "FF FF D6 98"  # −26.5 mm, −10600 pulses
 
+
+def fault(word: str, codes: str, number: int | None = None) -> Shown:
+    """A status word under way and at rest; number: of an alarm."""
+    alarm = shown(Z, "22 03", f"{(number or 0) >> 8:02X} {(number or 0) & 255:02X}")
+    return Shown({**GOING, **status(Z, word), **alarm}, {**status(Z, word), **alarm}, (codes, codes, codes), number)
+
+
 RTU = StageBytes(
     name="leadshine_rtu",
     kind="leadshine",
@@ -96,7 +104,7 @@ RTU = StageBytes(
         **shown(Z, "62 00", PATH),
         **one("02 06 60 02 00 10", "moving"),
         **several(f"02 10 60 08 00 02 04 {FLOOR}", "limited"),
-        **several("02 10 62 00 00 07 0E 00 01 FF FF FF D8 00 3C 01 4D 01 4D 00 00"),  # a jog, 0.1 mm
+        **several(f"02 10 62 00 00 07 0E {JOG}", "jog is set"),
         said("00 06 60 02 00 40"): (SILENCE, "rested"),
     },
     states={
@@ -114,6 +122,7 @@ RTU = StageBytes(
         "alarm": {**GOING, **status(Z, FAULT), **shown(Z, "22 03", "00 E0")},
         "slowing": {**GOING, said("02 03 10 03 00 01"): (said(f"02 03 02 {RUNNING}"), "rested")},
         "rested": stands(Z, HALF, HALF),
+        "jog is set": {**shown(Z, "62 00", JOG), **one("02 06 60 02 00 10", "moving")},
         "limited": shown(Z, "60 08", FLOOR),
     },
     where=said("02 03 10 03 00 01"),
@@ -134,6 +143,15 @@ RTU = StageBytes(
         "too many registers": Garbled(said("02 03 04 00 72 00 00"), StageError, "does_not_fit"),
         "cut short": Garbled(said("02 03 02 00 72"), StageTimeout, "incomplete", lambda f: f[:4]),
         "no such register": Garbled(said("02 83 02"), StageError, "refused"),
+    },
+    settings=[
+        (said("02 03 00 01 00 01"), said("02 03 02 27 10"), "pulses per turn"),
+        (said("01 03 00 01 00 01"), said("01 03 02 27 10"), "pulses per turn"),
+    ],
+    shows={
+        **{f"alarm {code:X}": fault(FAULT, "alarm", code) for code in (0xE0, 0xC0, 0xA1, 0x152, 0x240, 0x123)},
+        "disabled": fault(DISABLED, "not_enabled"),
+        "no longer homed": fault(READY, "was_reset"),
     },
     limit=Limit(
         -26.5,

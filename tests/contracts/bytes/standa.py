@@ -8,7 +8,7 @@ import struct
 from collections.abc import Sequence
 
 from rig.devices.base import StageError, StageHeld, StageStatus, StageTimeout
-from tests.contracts.stage import Garbled, Replies, StageBytes
+from tests.contracts.stage import Garbled, HomingEnd, Replies, Shown, StageBytes
 
 Y_MM = -15.0  # set by hand, as the configuration says by default
 RUNS, MOVE, LEFT, STOP, HOME, SSTP = 0x80, 1, 3, 5, 6, 8
@@ -85,6 +85,48 @@ def sealed(frame: bytes, reply: bytes) -> bytes:
 
 
 REST = status(HOME, 0, HOMED)
+ALARMS = {  # protocol.xi, flags of a status
+    0x40: "ALARM", 0x80: "CTP_ERROR", 0x100: "POWER_OVERHEAT", 0x200: "CONTROLLER_OVERHEAT",
+    0x400: "OVERLOAD_POWER_VOLTAGE", 0x800: "OVERLOAD_POWER_CURRENT", 0x1000: "OVERLOAD_USB_VOLTAGE",
+    0x2000: "LOW_USB_VOLTAGE", 0x4000: "OVERLOAD_USB_CURRENT", 0x8000: "BORDERS_SWAP_MISSET",
+    0x10000: "LOW_POWER_VOLTAGE", 0x20000: "H_BRIDGE_FAULT", 0x100000: "WINDING_RES_MISMATCH",
+    0x200000: "ENCODER_FAULT", 0x800000: "ENGINE_RESPONSE_ERROR", 0x1000000: "EXTIO_ALARM",
+    0x8: "8 hex", 0x40000: "40000 hex", 0x80000000: "80000000 hex",
+}  # fmt: skip
+
+
+def changed(found: bytes, *, power: int = POWERED, inputs: int = 0) -> bytes:
+    """A status with a power state and inputs."""
+    return found[:6] + bytes([power]) + found[7:43] + bytes([inputs]) + found[44:]
+
+
+def shown(codes: tuple[str, str, str], number: str | None = None, *, flags: int = HOMED, **change: int) -> Shown:
+    """What `gets` shows under way and at rest."""
+    return Shown(
+        {b"z gets": changed(status(RUNS | MOVE, 125, flags), **change)},
+        {b"z gets": changed(status(HOME, 0, flags), **change)},
+        codes,
+        number,
+    )
+
+
+def ends(state: str, said: bytes) -> HomingEnd:
+    """A status that ends homing."""
+    return HomingEnd(state, {b"z gets": said})
+
+
+def engine(flags: int, mode: int) -> bytes:
+    """Reply to `geng`."""
+    return b"geng" + struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, flags, 0, mode, 200)
+
+
+def ramps(up: int, down: int) -> bytes:
+    """Reply to `gmov`."""
+    return b"gmov" + struct.pack("<IBHHIBB9x", 200, 0, up, down, 0, 0, 0)
+
+
+ANY_ALARM: tuple[str, str, str] = ("alarm", "alarm", "alarm")
+RESET: tuple[str, str, str] = ("was_reset", "was_reset", "was_reset")
 
 DEVICE = StageBytes(
     name="standa",
@@ -140,6 +182,62 @@ DEVICE = StageBytes(
         "zero bytes": Garbled(REST, StageTimeout, "no_reply", lambda f: bytes(54)),
         "wrong checksum there": Garbled(b"errd", StageError, "line_refused"),
         "unknown there": Garbled(b"errc", StageError, "line_refused"),
+    },
+    settings=[
+        (b"z geng", engine(0x10, 8), "MicrostepMode"),
+        (b"z geng", engine(0x10, 10), "MicrostepMode"),
+        (b"z geng", engine(0xFFEF, 9), "ENGINE_ACCEL_ON"),
+        (b"z geng", engine(0x18, 9), "ENGINE_ANTIPLAY"),
+        *((b"z geds", b"geds" + bytes([bits]) + bytes(19), "BORDER_STOP_LEFT and _RIGHT") for bits in (2, 4, 0xF8)),
+        (b"z geds", b"geds" + bytes([7]) + bytes(19), "BORDER_IS_ENCODER"),
+        (b"z ghom", b"ghom" + bytes(16) + b"\x31" + bytes(10), "HOME_DIR_FIRST"),
+        *(
+            (b"z ghom", b"ghom" + bytes(16) + bits.to_bytes(2, "little") + bytes(9), "HOME_STOP_FIRST_BITS")
+            for bits in (0x10, 0x20, 0xFFCE)
+        ),
+        (b"z gpwr", b"gpwr" + bytes(7) + b"\x02" + bytes(6), "POWER_OFF_ENABLED"),
+        (b"z gmov", ramps(4999, 6000), "Accel"),
+        (b"z gmov", ramps(6000, 4999), "Decel"),
+    ],
+    shows={
+        **{name: shown(ANY_ALARM, name, flags=HOMED | bit) for bit, name in ALARMS.items()},
+        "two alarms": shown(ANY_ALARM, "ALARM CTP_ERROR", flags=HOMED | 0xC0),
+        **{f"harmless {bit:X}": shown(("", "", ""), flags=HOMED | bit) for bit in (1, 2, 4, 0x10)},
+        "power off": shown(RESET, power=1),
+        "another power": shown(("", "", ""), power=2),
+        "not homed": shown(RESET, flags=0),
+        "not homed, with all else": shown(RESET, flags=0x17),
+        "far switch": shown(ANY_ALARM, "RIGHT_EDGE", inputs=1),
+        "home switch": shown(("", "", ""), inputs=2),
+        "right button": shown(("held", "", "held"), inputs=4),
+        "left button": shown(("held", "", "held"), inputs=8),
+        "another input": shown(("", "", ""), inputs=0xF0),
+        "a soft stop": Shown({b"z gets": status(RUNS | SSTP, 125, HOMED)}, {b"z gets": REST}, ("overridden", "", "")),
+        **{
+            f"moved by a button, command {command:X}": Shown(
+                {b"z gets": status(command, 125, HOMED)}, {b"z gets": status(command, 0, HOMED)}, (code, "", before)
+            )
+            for command, code, before in (
+                (3, "overridden", ""),
+                (4, "overridden", ""),
+                (0x83, "held", "held"),
+                (0x84, "held", "held"),
+            )
+        },
+    },
+    ends={
+        "moving again": HomingEnd(
+            "z is home",
+            {b"z gets": (status(HOME, 50, HOMED), "then")},
+            then={b"z gets": b"gets\x01" + status(HOME, 50, HOMED)[5:]},
+        ),
+        "failed": ends("z is home", status(HOME | 0x40, 50, HOMED)),
+        "ended by another command": ends("z is home", status(SSTP, 50, HOMED)),
+        "without its flag": ends("z is home", status(HOME, 50, 0)),
+        "with all flags but its own": ends("z is home", status(HOME, 50, 0x17)),
+        "a step from the zero": ends("z is zero", status(HOME, 1, HOMED)),
+        "a microstep from the zero": ends("z is zero", status(HOME, 0, HOMED, 1)),
+        "without its flag after the zero": ends("z is zero", status(HOME, 0, 0x17)),
     },
     lacks={"limit": "borders at positions would replace the limit switches"},
     heard=content,

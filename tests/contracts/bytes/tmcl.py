@@ -7,7 +7,7 @@ home, so the module counts upwards away from home. A frame that lost its end is 
 import struct
 
 from rig.devices.base import StageError, StageOverridden, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, Replies, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, HomingEnd, Replies, Shown, StageBytes
 
 Y_MM = -15.0  # set by hand, as the configuration says by default
 NAMES = {3: "MST", 4: "MVP", 5: "SAP", 6: "GAP", 13: "RFS", 136: "version"}
@@ -66,6 +66,24 @@ def frames(data: bytes) -> list[bytes]:
 
 
 HOMING = b"100 0"
+ANY_ALARM: tuple[str, str, str] = ("alarm", "alarm", "alarm")
+RESET: tuple[str, str, str] = ("was_reset", "was_reset", "was_reset")
+GOING = axis("z", target=160, at=8, speed=200, most=200)
+
+
+def shown(parameter: int, value: int, codes: tuple[str, str, str], number: int | None = None, at: int = 0) -> Shown:
+    """A parameter that has another value, under way, and at rest at a count."""
+    other = {f"z GAP {parameter}".encode(): b"100 %d" % value}
+    return Shown({**GOING, **other}, {b"z GAP 1": b"100 %d" % at, **other}, codes, number)
+
+
+def home_switch(at: int) -> Shown:
+    """The home switch is active, 400 counts in a mm from home."""
+    near = abs(at) <= 400
+    codes = ("", "", "") if near else ("", "alarm", "alarm")
+    return shown(11, 1, codes, None if near else 11, at)
+
+
 DEVICE = StageBytes(
     name="tmcl",
     kind="tmcl",
@@ -137,6 +155,34 @@ DEVICE = StageBytes(
         ),
         "cut short": Garbled(b"100 0", StageError, "garbled", lambda f: f[:-1]),
         "refused": Garbled(b"1 0", StageError, "line_refused"),
+    },
+    settings=[
+        (b"z GAP 140", b"100 4", "microstep resolution of the module (parameter 140)"),
+        (b"z GAP 193", b"100 2", "reference search mode of the module (parameter 193)"),
+        (b"z GAP 5", b"100 19999", "acceleration of the module (parameter 5)"),
+    ],
+    shows={
+        **{
+            f"steps lost, flags {flags:X}": shown(207, flags, ANY_ALARM, 207)
+            for flags in (1, 1 << 15, 1 << 30, -(1 << 31))
+        },
+        **{f"fault of the driver, flags {flags:X}": shown(208, flags, ANY_ALARM, 208) for flags in (2, 8, 16)},
+        **{f"harmless flags {flags:X}": shown(208, flags, ("", "", "")) for flags in (1, 4, 0x20, 1 << 30)},
+        "the far switch": shown(10, 1, ANY_ALARM, 10),
+        **{f"the home switch at {at}": home_switch(at) for at in (-401, -400, 400, 401)},
+        "another maximum speed": shown(4, 300, RESET),
+        "another target": shown(0, 777, ("overridden", "", "not_as_configured")),
+    },
+    ends={
+        **{
+            f"at {at}": HomingEnd("z is home", axis("z", most=2000, at=at), abs(at) <= 200)
+            for at in (-201, -200, 200, 201)
+        },
+        "turning again": HomingEnd(
+            "z is home",
+            {**axis("z", most=2000), b"z RFS 2": (b"100 0", "then")},
+            then={**axis("z", most=2000, speed=100), b"z RFS 2": b"100 0"},
+        ),
     },
     lacks={"limit": "modules have no limit of the travel besides their switches"},
     frames=frames,

@@ -4,7 +4,7 @@ Frames are written without what their way adds: the message id, the checksum and
 """
 
 from rig.devices.base import StageError, StageHeld, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, Replies, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, HomingEnd, Replies, Shown, StageBytes
 
 Y_MM = -15.0  # set by hand, as the configuration says by default
 
@@ -59,6 +59,17 @@ def sealed(frame: bytes, reply: bytes) -> bytes:
     body = b" ".join([device, number, ident, *words])
     return body + b":%02X\r\n" % (-sum(body[1:]) & 0xFF)
 
+
+def shown(flag: str, *codes: str, number: str | None = None) -> Shown:
+    """A warning, under way and at rest."""
+    return Shown(axis(2, f"BUSY {flag}", 500), axis(2, f"IDLE {flag}", 0), (codes[0], codes[1], codes[2]), number)
+
+
+FAULTS = (
+    "FF", "FN", "FZ", "FH", "FV", "FO", "FC", "FM", "FD", "FQ", "FI", "FA", "FR", "FS", "FB", "FP", "FE", "FT", "WL",
+    "WS", "WM", "ZZ",
+)  # fmt: skip
+"""WM: moved while standing; ZZ is unknown."""
 
 DEVICE = StageBytes(
     name="zaber",
@@ -119,6 +130,28 @@ DEVICE = StageBytes(
         "a byte that is none of ASCII": Garbled(
             b"@02 1 OK IDLE -- 0", StageError, "garbled", lambda f: f.replace(b"OK", b"O\xcb")
         ),
+    },
+    settings=[
+        (b"2 1 get resolution", b"@02 1 OK IDLE -- 128", "resolution"),
+        (b"2 1 get accel", b"@02 1 OK IDLE -- 3", "accel"),
+        (b"1 1 get limit.max", b"@01 1 OK IDLE -- 23999", "limit.max"),
+        (b"2 1 get limit.max", b"@02 1 OK IDLE -- 15999", "limit.max"),
+        *(
+            (b"1 0 get version", b"@01 0 OK IDLE -- " + version, "firmware")
+            for version in (b"7.24", b"6.28", b"beta")
+        ),
+    ],
+    shows={
+        **{flag: shown(flag, "alarm", "alarm", "alarm", number=flag) for flag in FAULTS},
+        **{flag: shown(flag, "was_reset", "was_reset", "was_reset") for flag in ("WR", "WH")},
+        "somebody at the knob": shown("NC", "held", "", ""),
+        "interrupted": shown("NI", "overridden", "", ""),
+        **{flag: shown(flag, "", "", "") for flag in ("WV", "WT", "WP", "ND", "NR", "NT", "NU", "NJ", "NB")},
+    },
+    ends={
+        **{flag: HomingEnd("z is home", axis(2, f"IDLE {flag}", 0)) for flag in ("NI", "WR", "WH")},
+        **{f"at {at}": HomingEnd("z is home", axis(2, "IDLE --", at), abs(at) < 2) for at in (-2, -1, 1, 2)},
+        **{flag: HomingEnd("z is home", axis(2, f"IDLE {flag}", 0), True) for flag in ("WV", "NC")},
     },
     lacks={"limit": "limits are stored permanently: they are written once, at homing, if they differ"},
     frames=lambda data: data.splitlines(keepends=True),
