@@ -224,21 +224,6 @@ def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that
     bench.journal.close()
 
 
-def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
-    bench: FaultyBench, settings: Config
-) -> None:
-    memory = BenchMemory(settings)
-    memory.touched(KnownContact("touching", 5.0))
-    again = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N, memory=memory)
-    verbs.home(again)
-    for verb, kind in ((lambda: None, "raised"), (lambda: verbs.zero(again), "lifted")):
-        verb()
-        contact = memory.read().contact
-        assert contact is not None
-        assert contact.kind == kind
-    bench.journal.close()
-
-
 def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_clears_it(
     bench: FaultyBench, settings: Config
 ) -> None:

@@ -12,32 +12,16 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceTimeout, StageError
-from rig.engine import LimitError, PressId, Target, TripError, indent, verbs
+from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero
-from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
 
 # --- clearance and contact ---
-
-
-@pytest.mark.parametrize(("height_mm", "clear"), [(10.0, True), (1.985, True), (1.97, False), (1.95, False)])
-def test_below_clearance_is_in_contact(height_mm: float, clear: bool) -> None:
-    engine = StubBench().ready()
-    engine.go_to_height(height_mm, 0.5)
-    assert (engine.state, engine.contact.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
-
-
-@pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
-def test_a_lift_is_straight_up_at_the_speed_of_travel(to_mm: float | None, lifted_mm: float) -> None:
-    bench = StubBench()
-    bench.in_contact().lift(to_mm)
-    assert bench.height_mm == pytest.approx(lifted_mm)
-    assert bench.stage.told[-1][3] == (0.5 if lifted_mm == 1.95 else 5.0)
 
 
 def test_what_was_lifted_is_clear_and_no_press() -> None:
@@ -208,49 +192,6 @@ def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed
 
 
 # --- what is felt on the way ---
-
-
-@pytest.mark.parametrize(
-    ("soft_gwt", "force_gwt", "code", "limit_gwt"),
-    [
-        (50.0, 60.123456789, "soft_trip", 50.0),
-        (1e9, 600.123456789, "hard_trip", 5.0 / GWT_N),
-        (50.0, 600.123456789, "hard_trip", 5.0 / GWT_N),
-    ],
-)
-def test_what_is_felt_on_the_way_is_on_record_and_trips(
-    soft_gwt: float, force_gwt: float, code: str, limit_gwt: float
-) -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    engine.trips.soft_gwt = soft_gwt
-    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", force_gwt)
-    with raises(TripError, code, phase="moving", force_gwt=force_gwt, limit_gwt=limit_gwt):
-        verbs.move_to(engine, 3.0)
-    sample, trip, _ = bench.events[-3:]
-    assert (sample[0], sample[1]["phase"], repr(sample[1]["force_gwt"])) == (
-        "sample",
-        "moving",
-        repr(round(force_gwt, 6)),
-    )
-    assert (sample[1]["index"], sample[1]["stable"], sample[1]["doi_mm"]) == (-1, False, None)
-    assert (trip[0], trip[1]["force_gwt"]) == ("trip", pytest.approx(force_gwt))
-
-
-def test_no_reading_on_the_way_trips_and_leaves_no_sample() -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    samples, moves = len(bench.of("sample")), len(bench.stage.told)
-
-    def silent() -> None:
-        if len(bench.stage.told) > moves:
-            raise ForceTimeout("no answer")
-
-    bench.force.at_read = silent
-    with raises(TripError, "no_reading", error="no answer"):
-        verbs.move_to(engine, 3.0)
-    assert len(bench.of("sample")) == samples
-    assert bench.stage.told[-2] == "halt"  # and then the lift
 
 
 def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
@@ -498,38 +439,9 @@ def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
     assert bench.height_mm == pytest.approx(10.0)
 
 
-# --- zero ---
-
-
-@pytest.mark.parametrize("fails_at", [3, 15])
-def test_a_zero_that_fails_leaves_none(fails_at: int) -> None:
-    """The third reading is one of the drift; the fifteenth is one of the new zero, and the sensor was zeroed."""
-    bench = StubBench()
-    engine = bench.ready()
-    kept, begun = list[ForceZero | None](), len(bench.force.read_s)
-    before = engine.sensing.zero
-    engine.memory = KeptMemory(zeros=kept)
-
-    def fail() -> None:
-        if len(bench.force.read_s) - begun >= fails_at:
-            raise ForceTimeout("no answer")
-
-    bench.force.at_read = fail
-    with raises(TripError, "no_reading"):
-        verbs.zero(engine)
-    assert (engine.sensing.zero, kept) == ((before, []) if fails_at == 3 else (None, [None]))
-    assert len(bench.of("zero")) == 1
-
-
 # --- on a board and a balance ---
 
 Make = Callable[..., Any]
-
-FORCE = Target("force_gwt", 2.33)
-
-
-def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
-    return indent(engine, target, **{"hold_s": 0.2, **manner})
 
 
 def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
@@ -542,44 +454,6 @@ def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
             verbs.move_to(engine, x_mm, along_mm)
     assert len(bench.moves()) == before
     assert engine.state is State.READY
-
-
-def test_a_long_move_down_below_clearance_is_refused_unsent(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    for height in (1.9, 0.0, -1.0):
-        with raises(LimitError, "longer_than_an_increment", to_mm=height):
-            engine.go_to_height(height, 0.5)
-    assert len(bench.moves()) == before
-
-
-def test_a_reading_is_of_after_the_move(spring: Make) -> None:
-    """The balance samples on its own grid: what is read must be a sample taken at rest."""
-    bench = spring(contact_mm=1.99)
-    engine = bench.ready()
-    for n in range(20):
-        engine.go_to_height(engine.height_mm - 0.0213, 0.5)
-        read = engine.read_force_gwt(PressId(0), "touch")
-        depth = bench.contact_mm - bench.height_mm
-        assert read == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.005 + 1e-6), n
-
-
-def test_a_frame_of_its_own(spring: Make) -> None:
-    """Machine coordinates are the frame's; the finger's do not change."""
-    settings = RigSettings.model_validate(
-        {"frame": {"pad_centre_x_mm": -20.0, "pad_y_mm": -10.0, "apex_z_mm": -15.0}}
-    )
-    bench = spring(settings=settings)
-    engine = bench.ready(1.0)
-    assert bench.true_pose() == pytest.approx((1.0, -2.3), abs=0.002)
-    aside = next(move for move in bench.moves() if "X" in move)
-    assert aside == pytest.approx({"X": -19.0, "Y": -10.0, "F": 300.0})
-    assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
-
-
-def test_a_plan_lowers_the_force_that_trips_a_press() -> None:
-    assert StubBench(soft_trip_n=0.5).engine.trip_gwt == pytest.approx(50.986, abs=1e-3)
 
 
 def test_homing_begins_anew() -> None:

@@ -13,7 +13,6 @@ from rig.data.folder import PLAN
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
-from rig.protocol.same_steps import as_lines
 from rig.protocol.script import load_script
 from rig.session.resume import read_stopped
 from rig.session.session import NewRun, Session, dry_run
@@ -219,17 +218,6 @@ def test_a_plan_that_is_lost_or_changed_is_not_passed_over(
     ended = program("resume", folder, "--json")
     assert (ended.code, ended.json["code"]) == (2, code), ended.err
     assert PLAN in ended.json["error_text"]
-
-
-def test_the_plan_of_a_long_script_is_small(finger: Fingertip, tmp_path: Path) -> None:
-    path = tmp_path / "script.py"
-    path.write_text(
-        BEFORE + "    for n in range(4990):\n        rig.mark({'block': n // 100, 'repeat': n, 'condition': 'light'})"
-        "\n        rig.indent(doi_mm=0.2, hold_s=0.0); rig.rest(1.0)\n",
-        encoding="utf-8",
-    )
-    plan = make_plan(load_script(str(path)), CONFIG, finger)
-    assert len(as_lines(plan.asked)) < 2e6
 
 
 def _without_plan(folder: Path) -> None:
