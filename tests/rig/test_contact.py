@@ -144,6 +144,8 @@ def test_every_place_says_what_is_known_and_no_more(
     assert (MAY_TOUCH in said) is (kind != "lifted" or (place not in FRESH and said != "None"))
     if kind in ("disagreement", "touching"):
         assert f"{FORCES[kind]:.2f} gwt" in said
+    if FORCES[kind] is None:
+        assert "last measured" not in said, "no force was"
     if kind == "raised" and place in FRESH:
         assert "not confirmed by force" in said
     if place not in FRESH and said != "None" and FORCES[kind] is not None:

@@ -24,6 +24,14 @@ from tests.stub_bench import KeptMemory, StubBench, raising
 # --- clearance and contact ---
 
 
+@pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
+def test_a_lift_is_straight_up_at_the_speed_of_travel(to_mm: float | None, lifted_mm: float) -> None:
+    bench = StubBench()
+    bench.in_contact().lift(to_mm)
+    assert bench.height_mm == pytest.approx(lifted_mm)
+    assert bench.stage.told[-1][3] == (0.5 if lifted_mm == 1.95 else 5.0)
+
+
 def test_what_was_lifted_is_clear_and_no_press() -> None:
     bench = StubBench()
     engine = bench.in_contact()
@@ -429,6 +437,14 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     assert [sample["phase"] for sample in recorded] == 3 * ["rest"]
 
 
+def test_a_rest_lasts_as_long_as_asked_also_with_a_slow_sensor() -> None:
+    bench = StubBench({"force": {"latency_s": 0.5}})
+    engine = bench.ready()
+    begun_s = bench.clock.monotonic_s()
+    verbs.rest(engine, 3.8)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(3.8, abs=0.11)
+
+
 def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
     """The indentor goes up to habits.park_height_mm."""
     bench = StubBench({"limits": {"max_contact_s": 2.0}})
@@ -437,6 +453,25 @@ def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
     with raises(LimitError, "contact_time", limit_s=2.0):
         verbs.rest(engine, 60.0)
     assert bench.height_mm == pytest.approx(10.0)
+
+
+# --- places and zeros ---
+
+
+def test_a_place_is_at_clearance_to_the_micrometer() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(2.015, 0.5)
+    verbs.move_to(engine, 1.0)
+    assert bench.of("move")[-1] == {"x_mm": 1.0, "along_mm": 0.0, "height_mm": pytest.approx(2.0)}
+
+
+def test_a_zero_journals_the_reading_in_the_air() -> None:
+    bench = StubBench()
+    bench.force.shows_gwt = 7.0
+    bench.ready()
+    (zero,) = bench.of("zero")
+    assert zero == {"sensor": "stub sensor", "noise_gwt": 0.0, "offset_gwt": pytest.approx(7.0), "drift_gwt": None}
 
 
 # --- on a board and a balance ---

@@ -65,7 +65,10 @@ def test_four_increments_give_four_holds(spring: Make) -> None:
     assert [hold.doi_mm for hold in done.holds] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=0.0025)
     assert [e["commanded"] for e in bench.of("hold_start")] == [0.25, 0.5, 0.75, 1.0]
     assert [e["hold"] for e in bench.of("hold_end")] == [1, 2, 3, 4]
-    assert len(bench.of("touch")) == len(bench.of("indentation_end")) == 1
+    (end,) = bench.of("indentation_end")
+    samples_s = 0.05 * len(bench.of("sample"))
+    assert samples_s < end["duration_s"] < bench.clock.monotonic_s()
+    assert len(bench.of("touch")) == 1
     forces = [hold.force_gwt for hold in done.holds]
     assert forces == sorted(forces)
 

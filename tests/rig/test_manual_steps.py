@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageTimeout
+from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageReset, StageTimeout
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero, NoReadingError
 from rig.errors import LimitError, NotReadyError
@@ -122,6 +122,17 @@ def test_a_person_may_take_a_minute_between_two_steps(at_hand: Callable[..., Ses
     assert code_of_end(bench.step("z", -1.0)) == "touched"
     bench.clock.wait_s(60.0)
     assert code_of_end(bench.step("z", -0.05)) is None
+
+
+def test_a_finger_that_was_touched_for_too_long_is_only_left(at_hand: Callable[..., SessionBench]) -> None:
+    bench = at_hand(above_mm=0.2, zero=ZERO, max_contact_s=30.0)
+    assert code_of_end(bench.step("z", -1.0)) == "touched"
+    bench.clock.wait_s(31.0)
+    for axis, by_mm in (("z", -0.05), ("x", 1.0)):
+        with raises(LimitError, "contact_time", limit_s=30.0):
+            bench.step(axis, by_mm)
+    assert code_of_end(bench.step("z", 3.0)) is None
+    assert code_of_end(bench.step("z", -0.2)) is None, "each contact counts by itself"
 
 
 @pytest.mark.parametrize(("above_mm", "lifted", "clear"), [(3.0, True, True), (3.0, False, True), (1.0, True, False)])
@@ -375,11 +386,15 @@ def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., Se
     assert bench.worst_gwt <= one_increment_gwt(bench, TOUCH_GWT)
 
 
-def test_position_and_force_are_shown_while_it_moves(at_hand: Callable[..., SessionBench]) -> None:
+def test_position_and_force_are_shown_while_it_moves_and_at_a_look(at_hand: Callable[..., SessionBench]) -> None:
     bench = at_hand(above_mm=0.3)
+    assert bench.session.look().z_mm == pytest.approx(APEX_MM + 0.3, abs=0.003)
     bench.step("z", -0.6)
     assert len({round(at.z_mm, 3) for at, _ in bench.shown if at is not None}) >= 5
     assert bench.session.force_gwt == pytest.approx(bench.force_gwt, abs=0.011)
+    silence(bench)
+    bench.session.look()
+    assert bench.session.force_gwt is None
 
 
 @pytest.mark.parametrize(("busy_s", "moves"), [(0.9, True), (1.4, False)])
@@ -426,7 +441,10 @@ def test_a_stage_that_leaves_its_way_is_stopped(
 
     monkeypatch.setattr(stage, "_status", strayed)
     assert code_of_end(bench.step(axis, 5.0, 1.0)) == "off_its_way"
-    assert bench.session.tripped
+    with suppress(StageReset):  # A stopped board reports its reset first.
+        bench.session.look()
+    with raises(NotReadyError, "tripped"):  # It has lost its position, too.
+        bench.step("z", 0.1)
 
 
 def test_a_stage_that_lost_its_position_steps_as_at_an_unknown_height(at_hand: Callable[..., SessionBench]) -> None:
@@ -487,9 +505,10 @@ def test_a_possible_touch_is_on_record_while_a_step_moves(at_hand: Callable[...,
     assert kept[-1] is False
 
 
-def test_a_zero_in_a_touch_is_refused_by_its_lift(at_hand: Callable[..., SessionBench]) -> None:
-    """No zero is on record, and contact is recorded as lifted: only the lift shows it."""
-    bench = at_hand(above_mm=-0.3, lifted=True)
+@pytest.mark.parametrize("above_mm", [-0.3, -0.06])
+def test_a_zero_in_a_touch_is_refused_by_its_lift(at_hand: Callable[..., SessionBench], above_mm: float) -> None:
+    """No zero is on record, and contact is recorded as lifted: only the lift shows it; of 0.09 gwt, too."""
+    bench = at_hand(above_mm=above_mm, lifted=True)
     with raises(LimitError, "zero_in_contact"):
         bench.session.zero()
     assert (bench.memory.read().zero, bench.session.sensing.zero) == (None, None)
