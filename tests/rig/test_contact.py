@@ -140,6 +140,7 @@ def test_every_place_says_what_is_known_and_no_more(
     known = _known(kind)
     _on_record(settings, known)
     said = PLACES[place](settings, known, tmp_path)
+    assert said == "None" or f"x = 0.50 mm, {abs(known.height_mm or 0.0):.2f} mm " in said
     assert (DOES_NOT_TOUCH in said) is (kind == "lifted" and place in FRESH)
     assert (MAY_TOUCH in said) is (kind != "lifted" or (place not in FRESH and said != "None"))
     if kind in ("disagreement", "touching"):

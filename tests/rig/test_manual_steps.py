@@ -530,6 +530,9 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
             session.step(Direction("z", -1), 1.0, 2.0)
         session.step(Direction("x", 1), 0.5, 2.0)
         assert session.step(Direction("z", 1), 4.0, 2.0).known.kind == "raised"
+        recorded = bench.memory.read().contact
+        assert recorded is not None
+        assert recorded.kind == "raised"
     assert bench.x_mm == pytest.approx(0.5, abs=0.003)
     assert bench.memory.read().left_at_mm is not None
 
