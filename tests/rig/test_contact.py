@@ -44,6 +44,25 @@ def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None
     assert (found.to_do is None) is confirmed
 
 
+@pytest.mark.parametrize(
+    ("may_touch", "kind", "gwt", "after_s", "then", "renewed"),
+    [
+        (False, "lifted", 0.02, 0.9, "lifted", True),
+        (False, "lifted", 0.02, 1.1, "lifted", False),
+        (False, "lifted", -0.06, 1.1, "disagreement", True),
+        (True, "lifted", 0.06, 0.5, "lifted", False),
+        (True, "lifted", 0.02, 0.5, "lifted", False),
+        (False, "raised", 0.02, 0.5, "raised", False),
+    ],
+)
+def test_a_reading_renews_a_fresh_lift_or_ends_it_and_below_clearance_does_neither(
+    may_touch: bool, kind: ContactKind, gwt: float, after_s: float, then: ContactKind, renewed: bool
+) -> None:
+    before = ContactRecord(KnownContact(kind), 100.0, may_touch=may_touch)
+    found = before.after_reading(KnownContact("lifted", gwt), 100.0 + after_s, 0.05)
+    assert (found.measured.kind, found.measured_s) == (then, 100.0 + after_s * renewed)
+
+
 # --- every place that mentions it ---
 
 

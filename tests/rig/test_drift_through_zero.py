@@ -50,10 +50,10 @@ class Stalled(Spring):
 class Drifted:
     """A bench by hand that was in a touch, over the crossing at an instant from now."""
 
-    def __init__(self, kind: str, above_mm: float, crosses_in_s: float) -> None:
+    def __init__(self, kind: str, above_mm: float, crosses_in_s: float, *, may_touch: bool = True) -> None:
         self.bench = SessionBench(kind, above_mm=above_mm, zero=ForceZero(0.0, 0.0), spring=Stalled)
         engine = self.bench.session.engine
-        engine.contact = replace(engine.contact, may_touch=True)
+        engine.contact = replace(engine.contact, may_touch=may_touch)
         spring = self.bench.spring
         assert isinstance(spring, Stalled)
         spring.stalled, spring.crosses_s = True, self.bench.clock.monotonic_s() + crosses_in_s
@@ -73,6 +73,13 @@ def test_a_step_up_is_not_taken_for_a_lift(kind: str) -> None:
         if at_hand.bench.step("z", 1.2).known.may_touch:
             continue
         pytest.fail(f"the record says lifted, with the crossing {crossing_s:.2f} s after the jog began")
+
+
+def test_contact_that_is_asked_for_at_clearance_is_not_taken_for_a_lift() -> None:
+    """Nothing was below clearance since the last lift; a finger came up."""
+    for crossing_s in CROSSINGS_S:
+        at_hand = Drifted("grbl", 2.5, crossing_s, may_touch=False)
+        assert at_hand.bench.session.contact().known.may_touch, f"{crossing_s:.2f} s"
 
 
 @pytest.mark.parametrize("kind", ["grbl", "leadshine"])

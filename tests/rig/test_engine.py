@@ -127,6 +127,21 @@ def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenev
     assert engine.known_contact.aged
 
 
+@pytest.mark.parametrize(
+    ("moved", "after_s", "measures"), [(False, 0.0, False), (True, 0.0, False), (True, 2.0, True)]
+)
+def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
+    moved: bool, after_s: float, measures: bool
+) -> None:
+    bench = StubBench()
+    if moved:
+        bench.ready().measure_contact()
+    bench.clock.wait_s(after_s)
+    read = len(bench.force.read_s)
+    bench.engine.measure_at_end()
+    assert (len(bench.force.read_s) > read) is measures
+
+
 def test_a_stage_that_may_have_lost_its_lowest_height_is_told_it_again() -> None:
     """After it was forgotten, after a stop, and after one that was not confirmed."""
     bench = StubBench()
@@ -194,7 +209,9 @@ def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed
     engine, pressed = bench.in_contact(), list[bool]()
     bench.force.at_read = lambda: pressed.append(True)
     button = TripError("stop input button", "stop_input")
-    engine.stop_inputs = lambda engine, *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
+    engine.stop_inputs = lambda engine, *, at_rest: (
+        button if at_rest and bool(pressed) is (pressed_at == "after") else None
+    )
     with raises(TripError, "stop_input", input="button"):
         READINGS[read](engine)
 
@@ -443,6 +460,17 @@ def test_a_rest_lasts_as_long_as_asked_also_with_a_slow_sensor() -> None:
     begun_s = bench.clock.monotonic_s()
     verbs.rest(engine, 3.8)
     assert bench.clock.monotonic_s() - begun_s == pytest.approx(3.8, abs=0.11)
+
+
+def test_only_the_touch_counts_as_contact_time_in_a_rest() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    for after_s, gwt in ((1.0, 1.0), (2.0, 0.0)):
+        bench.clock.call_at(
+            bench.clock.monotonic_s() + after_s, lambda gwt=gwt: setattr(bench.force, "shows_gwt", gwt)
+        )
+    verbs.rest(engine, 6.0)
+    assert engine.contact_time.total_s == pytest.approx(1.0, abs=0.2)
 
 
 def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:

@@ -204,22 +204,23 @@ def test_a_run_that_cannot_be_recorded_ends_lifted() -> None:
     assert engine.problem is error
 
 
-def test_a_lift_that_an_operator_interrupts_is_made_again_and_is_the_same_trip() -> None:
-    bench = StubBench()
+@pytest.mark.parametrize("times", [1, 4, 5])
+def test_a_lift_that_an_operator_interrupts_is_made_again_four_times_and_is_the_same_trip(times: int) -> None:
+    bench = StubBench({"limits": {"on_trip": "park"}})
     engine = bench.in_contact()
-    left = [True]
+    left = [True] * times
 
     def overridden() -> None:
         if left:
-            left.clear()
+            left.pop()
             raise StageOverridden("feed override 200 %")
 
     bench.stage.at_look = overridden
     with raises(TripError, "for_the_test") as caught:
         engine.trip(TripError("for the test", "for_the_test"))
-    assert [trip["reason"] for trip in bench.of("trip")] == [str(caught.value)] == ["for the test"]
-    assert bench.stage.told.count("halt") == 1
-    assert bench.height_mm == pytest.approx(2.0)
+    assert [trip["reason"] for trip in bench.of("trip")] == ["for the test"]
+    assert bench.stage.told.count("halt") == times
+    assert ("the lift failed" in str(caught.value)) is (bench.height_mm < 9.0) is (times == 5)
 
 
 def test_a_trip_where_the_position_is_not_trusted_moves_nothing() -> None:

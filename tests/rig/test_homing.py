@@ -260,11 +260,18 @@ def test_going_back_ends_where_the_force_grows() -> None:
     assert bench.stage.at_mm[2] - FROM_MM == pytest.approx(BEYOND_MM, abs=2 * STEP_MM)
 
 
-def test_going_back_ends_where_a_force_grows_that_never_vanished() -> None:
-    bench = _bench(lambda up_mm: 4.0 + 3.0 * abs(up_mm - BEYOND_MM) if up_mm > 0.4 else 0.0)
+@pytest.mark.parametrize("below_gwt_mm", [3.0, 0.4])
+def test_going_back_ends_where_a_force_grows_that_never_vanished(below_gwt_mm: float) -> None:
+    """Also where it grows by less than a step shows."""
+
+    def force_gwt(up_mm: float) -> float:
+        past_mm = up_mm - BEYOND_MM
+        return 4.0 + max(3.0 * past_mm, -below_gwt_mm * past_mm) if up_mm > 0.4 or _homings(bench) else 0.0
+
+    bench = _bench(force_gwt)
     with raises(TripError, "homing_wrong_way"):
         verbs.home(bench.engine)
-    assert bench.stage.at_mm[2] - FROM_MM == pytest.approx(BEYOND_MM, abs=2 * STEP_MM)
+    assert bench.stage.at_mm[2] - FROM_MM == pytest.approx(BEYOND_MM, abs=3 * STEP_MM)
 
 
 def test_force_that_grows_either_way_from_where_homing_halted_is_no_wrong_way() -> None:

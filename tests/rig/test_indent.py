@@ -73,10 +73,10 @@ def test_four_increments_give_four_holds(spring: Make) -> None:
     assert forces == sorted(forces)
 
 
-@pytest.mark.parametrize("hold_s", [0.0, 0.05, 2.5])
-def test_a_hold_lasts_as_long_as_was_asked(spring: Make, hold_s: float) -> None:
+@pytest.mark.parametrize("hold_s", [0.0, 0.05, 2.5, 1.0])
+def test_a_hold_lasts_as_long_as_was_asked_or_a_second(spring: Make, hold_s: float) -> None:
     bench = spring()
-    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=hold_s)
+    indent(bench.ready(), Target("doi_mm", 0.5), **({} if hold_s == 1.0 else {"hold_s": hold_s}))
     end = bench.of("hold_end")[0]
     # At least as long, and not by more than one reading over the line.
     assert hold_s <= end["hold_s"] <= hold_s + 0.1

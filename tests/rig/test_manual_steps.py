@@ -514,6 +514,20 @@ def test_a_zero_in_a_touch_is_refused_by_its_lift(at_hand: Callable[..., Session
     assert (bench.memory.read().zero, bench.session.sensing.zero) == (None, None)
 
 
+def test_a_zero_without_a_reading_after_its_lift_is_none(at_hand: Callable[..., SessionBench]) -> None:
+    """Twelve for the zero, and one before the lift."""
+    bench = at_hand(above_mm=3.0)
+    sensor, read, reads = bench.bench.force, bench.bench.force.read, itertools.count()
+
+    def falls_silent() -> ForceReading:
+        return read() if next(reads) < 13 else ForceReading(float("nan"), True, bench.clock.monotonic_s())
+
+    sensor.read = falls_silent  # type: ignore[method-assign]
+    with raises(LimitError, "no_reading"):
+        bench.session.zero()
+    assert (bench.memory.read().zero, bench.session.sensing.zero) == (None, None)
+
+
 # --- without force ---
 
 
@@ -533,16 +547,18 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
         recorded = bench.memory.read().contact
         assert recorded is not None
         assert recorded.kind == "raised"
-    assert bench.x_mm == pytest.approx(0.5, abs=0.003)
+        assert bench.x_mm == pytest.approx(0.5, abs=0.003)
+        assert session.home().kind == "raised"
     assert bench.memory.read().left_at_mm is not None
 
 
 @pytest.mark.parametrize("kind", STAGES)
+@pytest.mark.parametrize("above_mm", [CLEARANCE_MM, CLEARANCE_MM + 0.06])
 def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press(
-    kind: str, monkeypatch: pytest.MonkeyPatch
+    kind: str, above_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that dies leaves one of them; a refused step leaves the position known."""
-    bench = SessionBench(kind, above_mm=CLEARANCE_MM)
+    bench = SessionBench(kind, above_mm=above_mm)
     bench.begun.__exit__(None, None, None)
     stage, made = bench.bench.stage, list[tuple[float, float]]()
     stage.connect()
@@ -556,7 +572,7 @@ def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press
     monkeypatch.setattr(stage, "jog", heard)
     with session.begun():
         session.step(Direction("z", -1), 0.5, 10.0)
-    assert min(by_mm for by_mm, _ in made) >= -INCREMENT_MM - 1e-9
+    assert min(by_mm for by_mm, _ in made) >= -max(INCREMENT_MM, above_mm - CLEARANCE_MM) - 0.003
     assert max(speed_mm_s for _, speed_mm_s in made) <= bench.config.limits.max_press_speed_mm_s
     with raises(LimitError, "too_deep"), session.begun():
         session.step(Direction("z", -1), 5.0, 2.0)

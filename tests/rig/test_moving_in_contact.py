@@ -65,13 +65,16 @@ def _odd(bench: PlainBench) -> int:
 # --- a ramp ---
 
 
-def test_a_ramp_and_its_hold_are_journalled_by_what_was_read() -> None:
-    bench = Finger()
+@pytest.mark.parametrize("bump_gwt", [0.0, 2.0])
+def test_a_ramp_and_its_hold_are_journalled_by_what_was_read(bump_gwt: float) -> None:
+    """The highest force may be one of the way, here at some 0.6 mm."""
+    bench = Finger(lambda bench: _law(bench) + bump_gwt * (-0.92 < bench.height_mm < -0.85))
     (hold,) = bench.ramp().holds
     assert (hold.doi_mm, hold.force_gwt) == (pytest.approx(DEPTH_MM, abs=0.002), pytest.approx(LAW_GWT, abs=0.03))
     (end,), readings = bench.of("hold_end"), bench.within("ramp")
     assert end["ramp_gwt"] == pytest.approx(hold.force_gwt, abs=0.02)
     assert end["peak_gwt"] == max(one["force_gwt"] for one in [*readings, *bench.within("hold")])
+    assert (end["peak_gwt"] > LAW_GWT + 0.1) is bool(bump_gwt)
     assert readings[0]["doi_mm"] < 0.0
     assert (end["index"], end["hold"], end["asked_s"], end["commanded"]) == (0, 1, 0.2, DEPTH_MM)
     contact_mm = bench.of("touch")[0]["contact_height_mm"]

@@ -227,7 +227,7 @@ def test_a_run_of_which_nothing_is_journalled_is_not_complete(stopped: Callable[
     RunFolder(path).events.write_bytes(b'{"doc": "sta')
     found = read_stopped(path)
     assert found.run is None
-    assert found.complete is False
+    assert (found.complete, found.begins_at_s) == (False, 0.0)
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "protocol.py", "config.toml", "SHA256SUMS"])
