@@ -182,6 +182,7 @@ def _cover(trees: list[Path], globs: list[str]) -> None:
                 "studies.mutants.cover",
                 f"--timeout={SLOWEST_TEST_S}",
                 "--hypothesis-seed=0",
+                "-m=not study",
             ]
             command.append(f"{due[path]}={path}")
             subprocess.run(command, cwd=trees[k], env=surroundings(trees[k]), stdout=subprocess.DEVNULL, check=True)

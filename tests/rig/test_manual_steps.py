@@ -80,14 +80,15 @@ def test_from_above_clearance_a_finger_that_lies_higher_ends_the_step(at_hand: C
     assert bench.worst_gwt <= 6.0 * 0.3**1.5
 
 
+@pytest.mark.parametrize(("k_gwt", "soft_trip_n"), [(6.0, 0.05), (0.4, 0.01)])
 def test_the_next_step_goes_on_from_a_touch_and_never_passes_the_soft_trip(
-    at_hand: Callable[..., SessionBench],
+    at_hand: Callable[..., SessionBench], k_gwt: float, soft_trip_n: float
 ) -> None:
-    """0.05 N, 5.1 gwt; near the trip increments become smaller."""
-    bench = at_hand(soft_trip_n=0.05, above_mm=0.2, known=False)
+    """0.05 N, 5.1 gwt; near the trip increments become smaller. An increment into a soft finger adds 0.04 gwt."""
+    bench = at_hand(k_gwt=k_gwt, soft_trip_n=soft_trip_n, above_mm=0.2, known=False)
     ended = [code_of_end(bench.step("z", -1.2)) for _ in range(4)]
-    assert ended == ["touched", *["next_step_past_soft_trip"] * 3]
-    assert 4.4 < bench.worst_gwt < 4.75
+    assert (ended[0], ended[2:]) == ("touched", ["next_step_past_soft_trip"] * 2)
+    assert 0.85 < bench.worst_gwt * GWT_N / soft_trip_n < 0.94
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
