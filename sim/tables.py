@@ -1,9 +1,11 @@
 """Tables of numbers and text: as CSV files, or for pandas and xarray."""
 
 import csv
+import logging
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,8 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig_shared.number_text import read_number
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.errors import ArgumentError, SimError, has_unit, is_plain_number
+
+_log = logging.getLogger(__name__)
 
 # --- arguments ---
 
@@ -81,10 +86,22 @@ class TableError(SimError, ValueError):
 def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     """Read the named columns of a CSV file, row by row, in the requested order.
 
-    The first line names the columns, in any order; others are ignored. Cells are separated by commas, semicolons or
-    tabs; numbers may have a decimal comma. Empty lines and lines that begin with # are skipped. Raises TableError.
+    The first line names the columns, in any order. Others are named in a warning, and refused if they may say which
+    rows do not count. Cells are separated by commas, semicolons or tabs; numbers may have a decimal comma. Empty
+    lines and lines that begin with # are skipped. Raises TableError.
     """
-    return tuple(row for _, row in read_numbered(path, columns))
+    line, names = header_of(path)
+    refuse_rejecting(path, line, names, columns)
+    rows = tuple(row for _, row in read_numbered(path, columns))
+    if unread := [name for name in names if name not in columns]:
+        _name_once(f"{path}: columns that are not read: {', '.join(unread[:_MOST_LISTED])}")
+    return rows
+
+
+@cache
+def _name_once(text: str) -> None:
+    """Log a warning once in a process, which may read a table several times."""
+    _log.warning(text)
 
 
 def header_of(path: Path) -> tuple[int, tuple[str, ...]]:
@@ -123,6 +140,21 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         raise TableError(f"{path}: not a CSV file in UTF-8: {error}", "not_csv") from None
 
 
+REJECTING = re.compile(r"artifact|artefact|reject|bad|exclude|invalid|noise|valid|keep|good", re.IGNORECASE)
+"""Names of columns that may say which rows do not count."""
+
+
+def refuse_rejecting(path: Path, line: int, names: Sequence[str], columns: Sequence[str]) -> None:
+    """Raise TableError for a column that is not among those to be read, and may say which rows do not count."""
+    unread = next((name for name in names if name not in columns and REJECTING.search(name)), None)
+    if unread is not None:
+        raise TableError(
+            f"{path}, line {line}: the column {unread!r} may say which rows do not count, and is not read; delete "
+            "these rows, and the column",
+            "extra_column",
+        )
+
+
 _MOST_LISTED = 20
 
 
@@ -158,7 +190,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
             "ambiguous_number",
         )
     try:
-        value = float(_DECIMAL_COMMA.sub(r"\1.\2", cell.strip()))
+        value = read_number(_DECIMAL_COMMA.sub(r"\1.\2", cell.strip()))
     except ValueError:
         value = math.nan
     if not is_number(value):

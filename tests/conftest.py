@@ -336,7 +336,7 @@ _flush, _fresh_pass = os.fsync, fresh_passes._pass
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
 # Scripts whose steps differ between processes only if these begin anew: by hash seed, and by what random was seeded.
-UNLIKE_WHEN_ANEW = ("[a loop over a set]", "[an unseeded shuffle]")
+UNLIKE_WHEN_ANEW = ("[a loop over a set]", "[an unseeded shuffle]", "[numpy's generator]")
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
 

@@ -33,7 +33,7 @@ from rig.engine import Engine, Pause, verbs
 from rig.engine.bench import Meanwhile
 from rig.engine.bench_memory import BenchMemory, state_folder
 from rig.engine.contact import KnownContact
-from rig.engine.jog import Direction
+from rig.engine.motion import Direction
 from rig.engine.sensing import ForceZero
 from rig.engine.steps import StepEnd
 from rig.errors import EngineError

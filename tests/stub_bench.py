@@ -5,8 +5,9 @@ from typing import Any
 
 from rig.devices.base import LOOK_S, ForceReading, StageNotHomed, StageStatus
 from rig.engine import Engine, Pause, verbs
-from rig.engine.bench import Heartbeat, Meanwhile
+from rig.engine.bench import Meanwhile
 from rig.engine.contact import KnownContact
+from rig.engine.limits import Heartbeat
 from rig.engine.sensing import ForceZero
 from rig.settings import RigSettings
 from rig.units import GWT_N

@@ -15,7 +15,8 @@ from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import ContactJson, KnownContact, contact_at
+from rig.engine.contact import KnownContact, contact_at
+from rig.engine.contact_words import ContactJson
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError
 from rig.plan.config import Config

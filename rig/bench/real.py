@@ -9,9 +9,10 @@ from rig.clock import WallClock
 from rig.control.stop import OwnedStage
 from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
-from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Meanwhile, Pause, monitored
+from rig.engine.bench import NO_PAUSE, Bench, Meanwhile, Pause, monitored
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
+from rig.engine.limits import Heartbeat
 from rig.engine.sensing import ForceZero
 from rig.settings import BenchSettings
 from rig.transport import TransportError

@@ -22,9 +22,10 @@ from rig.devices.registry import (
     moves_along,
     stage_ports,
 )
-from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Meanwhile, Pause
+from rig.engine.bench import LOOK_S, NO_PAUSE, Meanwhile, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
+from rig.engine.limits import Heartbeat
 from rig.engine.sensing import ForceZero
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config

@@ -17,9 +17,11 @@ from rig.clock import WallClock
 from rig.devices.base import ForceReading, Stage, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import ContactJson, KnownContact
+from rig.engine.contact import KnownContact
+from rig.engine.contact_words import ContactJson
 from rig.engine.sensing import Sensing
-from rig.manual.session import ManualSession, no_force_readings, not_checked, take_zero
+from rig.engine.steps import take_zero
+from rig.manual.session import ManualSession, no_force_readings, not_checked
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting

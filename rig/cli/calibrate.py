@@ -1,6 +1,7 @@
 """`rig calibrate`: measure the rig with a caliper and a known mass, and print the values for the configuration."""
 
 import io
+import math
 import statistics
 from contextlib import closing
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from rig.devices.base import Axis, ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.jog import slices
+from rig.engine.motion import slices
 from rig.engine.reference import Compliance, measure_compliance
 from rig.engine.steps import MOST_MM
 from rig.errors import BadInputError
@@ -33,6 +34,7 @@ from rig.protocol.check import refuse_approach, refuse_place
 from rig.session.hardware_stop import key_interrupting
 from rig.session.script_run import stopped_at_once
 from rig.units import GWT_N
+from rig_shared.number_text import read_number
 from rig_shared.outputs import Output, Toml
 
 _READINGS, _FARTHEST_MM = 20, 1000.0
@@ -185,9 +187,12 @@ def _wait_for_enter(question: str) -> str:
 def _typed_number(question: str) -> float:
     answer = _wait_for_enter(question)
     try:
-        return float(answer)
+        value = read_number(answer)
     except ValueError:
-        raise BadInputError(f"{answer!r}: must be a number; nothing was changed", "not_a_number") from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadInputError(f"{answer!r}: must be a number; nothing was changed", "not_a_number")
+    return value
 
 
 def _print_calibration(

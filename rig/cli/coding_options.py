@@ -12,6 +12,7 @@ from rig.cli.options import bounded
 from rig.cli.request import Needs
 from rig.errors import BadInputError
 from rig.printable import either
+from rig_shared.number_text import read_number
 from sim.coding.decoder_results import CodingError
 from sim.coding.encoding import Noise, NoisePlace
 from sim.coding.readings_file import checked_pressures, read_pressures
@@ -91,7 +92,7 @@ def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
 def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
     """Return (n,) pressures (pseudo-units) from `20,14` or a CSV column; raise BadInputError if invalid."""
     try:
-        values = [float(cell) for cell in text.split(",")]
+        values = [read_number(cell) for cell in text.split(",")]
     except ValueError:
         values = None
     try:

@@ -45,6 +45,7 @@ from rig.cli.output import busy, one_line_errors, out, print_json
 from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, refuse, takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.number_text import read_number
 from rig_shared.outputs import Output, Places, Range, Ratio, Shape
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
@@ -141,7 +142,8 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
 def _with_error(option: str, text: str) -> tuple[float, float]:
     """Return a number and its standard error if stated: 30, 30±2, 30+-2."""
     try:
-        value, error = map(float, [*_PLUS_MINUS.split(text), "0"][:2]) if text.count("±") < 2 else (math.nan, 0.0)
+        parts = [*_PLUS_MINUS.split(text), "0"][:2]
+        value, error = map(read_number, parts) if text.count("±") < 2 else (math.nan, 0.0)
     except ValueError:
         value = error = math.nan
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
@@ -173,7 +175,7 @@ def axial_of(axial: str | None) -> tuple[float, ...]:
     if word == "ellipse" and not named:
         return HALF_LENGTHS_MM
     try:
-        half = float(length) if word == "ellipse" else math.nan
+        half = read_number(length) if word == "ellipse" else math.nan
     except ValueError:
         half = math.nan
     if not LEAST_MM <= half <= MOST_MM:

@@ -4,10 +4,12 @@ import json
 import math
 from collections.abc import Iterable
 from copy import copy
-from typing import Any
+from typing import Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from rig_shared.number_text import read_number
 
 GENERAL = "General options"
 """Title of the panel of options without a panel, in commands that put other options in panels."""
@@ -37,6 +39,15 @@ class PlainCommand(TyperCommand):
         """Return the parameters, laid out for the help; with `--json` comes `--json-schema`."""
         return _laid_out(_with_schema(super().get_params(ctx), [self]))
 
+    def make_context(self, *about: Any, **more: Any) -> Any:
+        """Return the context of a command line. Raises BadParameter for a text that is no number."""
+        kinds = get_type_hints(self.callback)
+        for one in self.params:
+            number = _NUMBERS.get(kinds.get(one.name or ""))
+            if number is not None and "process_value" not in vars(one):
+                _plain_number(one, number)
+        return super().make_context(*about, **more)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command. Raises BadParameter for a number that is not finite, or a whole one that is too large."""
         for one in self.params:
@@ -47,6 +58,26 @@ class PlainCommand(TyperCommand):
                 words = f"must be at most {LARGEST_WHOLE}, in absolute value"
                 raise typer.BadParameter(words, param_hint=repr(one.opts[0]))
         return super().invoke(ctx)
+
+
+_NUMBERS: dict[Any, str] = {int: "integer", int | None: "integer", float: "float", float | None: "float"}
+"""Types of numbers, and their names in errors."""
+
+
+def _plain_number(param: Any, number: str) -> None:
+    """Make a parameter refuse what only Python reads as a number, such as 1_0."""
+    processed = param.process_value
+
+    def process_value(ctx: Any, value: Any) -> Any:
+        if isinstance(value, str):
+            try:
+                read_number(value)
+            except ValueError:
+                words = f"{value!r} is not a valid {number}."
+                raise typer.BadParameter(words, ctx, param_hint=repr(param.opts[0])) from None
+        return processed(ctx, value)
+
+    param.process_value = process_value  # the types of parameters differ between versions of typer
 
 
 class PlainGroup(TyperGroup):

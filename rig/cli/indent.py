@@ -25,6 +25,7 @@ from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.compare.recordings.deflection import DeflectionJson, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.number_text import read_number
 from rig_shared.outputs import Code, Output, Range
 from rig_shared.plural import number_of
 from sim.benchmark import QUANTITIES
@@ -232,7 +233,7 @@ class ModelRequest:
 
 def _fraction(text: str) -> float:
     try:
-        value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        value = read_number(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError:
         value = -1.0
     if not 0 < value < 1:

@@ -26,6 +26,7 @@ from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
 from rig.printable import either
 from rig.units import GWT_N
+from rig_shared.number_text import read_number
 from rig_shared.outputs import CommandLine, File, Name, Output, Port
 from rig_shared.user_files import toml_of
 
@@ -315,6 +316,8 @@ def _choose(room: Room, given: _DeviceOptions, found: Sequence[PortFound], draft
         if there is not None and there.kind is not None and there.own and there.kind.name == kind:
             own.setdefault(there.kind.place, {}).update(there.own)
         draft.put(of_port, {room: {"kind": kind, "port": port, **own}})
+        if there is not None and there.problem is not None:
+            complain(f"warning: {there.problem}")
         if there is not None and there.identity is not None:
             draft.identities[room] = there.identity
 
@@ -437,7 +440,7 @@ class Question:
 
 def _numbers(option: str, text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        return [read_number(part) for part in text.split(",")]
     except ValueError:
         raise BadInputError(f"{option} {text!r}: must be numbers separated by commas", "not_numbers") from None
 

@@ -35,7 +35,7 @@ from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.data.folder import FileSizeJson
 from rig.data.run import PackageJson
 from rig.devices import registry
-from rig.engine.contact import ContactJson
+from rig.engine.contact_words import ContactJson
 from rig.errors import BadInputError
 from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config
 from rig.printable import either

@@ -13,7 +13,7 @@ from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
 from rig.cli.request import Needs, Rule, refuse, takes
 from rig.clock import Clock, WallClock
 from rig.devices.base import Axis, ForceError, StageError
-from rig.engine.jog import Direction
+from rig.engine.motion import Direction
 from rig.engine.steps import MOST_MM, StepEnd
 from rig.errors import BadInputError, EngineError
 from rig.manual.session import FASTEST_MM_S, SIZES_MM, SPEED_MM_S, ManualSession

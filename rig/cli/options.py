@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.errors import BadInputError
+from rig_shared.number_text import read_number
 
 if TYPE_CHECKING:
     from rig.report.plot import Plot
@@ -70,7 +71,7 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
     found: list[float] = []
     for part in text.split(","):
         try:
-            first, *rest = map(float, part.split(":"))
+            first, *rest = map(read_number, part.split(":"))
             found += _range(first, *rest) if rest else [first]
             if not all(map(math.isfinite, found)):
                 raise ValueError

@@ -1,12 +1,12 @@
 """`rig check`, `rig dry-run`, `rig run` and `rig resume`."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated
 
 import typer
 from rich.table import Table
@@ -14,14 +14,6 @@ from rich.table import Table
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.real import Request
 from rig.bench.virtual import refuse_twinless
-from rig.cli.choosing import (
-    WAIT_NEEDS_CHOICE,
-    WITHIN_S,
-    ChooseOption,
-    CountWithinOption,
-    possible_presses_as_json,
-    with_choice,
-)
 from rig.cli.confirm import Confirm, at_the_page, can_answer, careful, ready_for_a_real_run, refuse_mounts, same_shape
 from rig.cli.nerve import firing_as_json, print_firing, spike_request
 from rig.cli.options import (
@@ -50,7 +42,7 @@ from rig.cli.output import (
     screen_aside,
 )
 from rig.cli.recorded_run import warn_of_damage
-from rig.cli.request import Rule, refuse, repeats, takes
+from rig.cli.request import refuse, repeats, takes
 from rig.cli.script_execution import RequestedRun, RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -66,19 +58,18 @@ from rig.session.rehearsal_summary import (
     PossiblePressesJson,
     PreflightJson,
     in_both_units,
+    possible_presses_as_json,
     preflight,
     press_speed_in_words,
 )
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports
 from rig.session.session import FinishedRun, Session, dry_run, real_run
 from rig.transport import TransportError
+from rig_shared.number_text import read_number
 from rig_shared.outputs import Name
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import FingerProcess
-
-if TYPE_CHECKING:
-    from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
     "index": "",
@@ -123,9 +114,6 @@ class CheckJson(PreflightJson):
 class CheckRequest(ScriptRequest):
     """Arguments and options of `rig check`."""
 
-    choose: Annotated[
-        bool, typer.Option("--choose", help="Also check all presses that `rig run --choose` may choose.")
-    ] = False
     afferents: Annotated[
         str | None,
         typer.Option(metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."),
@@ -143,7 +131,9 @@ def check_command(request: CheckRequest) -> None:
         script = request.script()
         spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
         with busy(THE_FINGER, as_json=as_json):
-            finger = _finger_to_check(script, settings, choose=request.choose)
+            from sim.models.fingertip import Fingertip
+
+            finger = Fingertip.load(settings.finger)
         with checking_the_script() as show_steps:
             plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
@@ -154,11 +144,10 @@ def check_command(request: CheckRequest) -> None:
         if differs is not None:
             complain(
                 "the script does not repeat itself, so a stopped run of it cannot be resumed: "
-                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; seed what is "
-                "random (random.Random(7).shuffle), sort what is a set"
+                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; {differs.remedy}"
             )
-        if request.choose:
-            found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)
+        if plan.allowed:
+            found["possible"] = possible_presses_as_json(plan, settings)
         speeds = []
         if spikes is not None:
             from rig.plan.nerve import firing_speeds_of, presses_of_plan
@@ -172,18 +161,6 @@ def check_command(request: CheckRequest) -> None:
             _print_check(found)
         if speeds:
             print_firing(speeds, as_json=as_json)
-
-
-def _finger_to_check(script: Script, config: Config, *, choose: bool) -> "Fingertip":
-    """Load the finger; for an adaptive run, with the receptors that the choice looks at, so that it is built once."""
-    if choose:
-        from rig.design.design import finger_of
-        from rig.design.designed import Designed
-
-        return finger_of(Designed.of(script).request, config.finger)
-    from sim.models.fingertip import Fingertip
-
-    return Fingertip.load(config.finger)
 
 
 _MET_COLUMNS = {
@@ -226,7 +203,7 @@ def _print_check(found: CheckJson) -> None:
 
 def _possible(found: PossiblePressesJson) -> str:
     return (
-        f"{number_of(found['presses'], 'presses')} may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
+        f"{number_of(found['presses'], 'presses')} may be chosen: peak {found['peak_force_gwt']:.4g} gwt, "
         f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
     )
 
@@ -263,11 +240,7 @@ class DryRunRequest(ScriptRequest):
             rich_help_panel="Simulated spikes",
         ),
     ] = None
-    choose: ChooseOption = None
-    count_within_s: CountWithinOption = WITHIN_S
     as_json: JsonOption = False
-
-    rules: ClassVar[Sequence[Rule]] = (WAIT_NEEDS_CHOICE,)
 
 
 @takes(DryRunRequest)
@@ -283,11 +256,8 @@ def dry_run_command(request: DryRunRequest) -> None:
         script, faster = request.script(), _times_real(request.speed)
         spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
         into = new_run(request.out_dir, request.subject)
-        planned = RequestedRun(script, settings, into, beginning.begins, request.as_json, spikes=spikes)
-        with (
-            owning(planned, config_file=request.config) as owner,
-            with_choice(planned, request.choose, request.count_within_s) as run,
-        ):
+        run = RequestedRun(script, settings, into, beginning.begins, request.as_json, spikes=spikes)
+        with owning(run, config_file=request.config) as owner:
             pace = None if faster is None else 1 / faster
             done = carry_out(run, partial(dry_run, speed=faster), owner, pace=pace)
     leave(done)
@@ -297,7 +267,7 @@ def _times_real(text: str) -> float | None:
     if text == "max":
         return None
     try:
-        value = float(text)
+        value = read_number(text)
     except ValueError:
         value = 0.0
     if not 0 < value < 1e6:
@@ -316,11 +286,7 @@ class RunRequest(ScriptRequest):
     subject: SubjectOption = None
     mounted: MountedOption = None
     yes: YesOption = False
-    choose: ChooseOption = None
-    count_within_s: CountWithinOption = WITHIN_S
     as_json: JsonOption = False
-
-    rules: ClassVar[Sequence[Rule]] = (WAIT_NEEDS_CHOICE,)
 
 
 @takes(RunRequest)
@@ -334,7 +300,6 @@ def run_command(request: RunRequest) -> None:
         script, into = request.script(), new_run(request.out_dir, request.subject)
         run = RequestedRun(script, settings, into, beginning.begins, request.as_json, finger)
         ready_for_a_real_run("run", settings, request.out_dir, yes=request.yes)
-        run = opened.enter_context(with_choice(run, request.choose, request.count_within_s))
         _refuse_mounts("run", run, request.mounted)
         stage = opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
         owner = opened.enter_context(owning(run, stage, request.config))
@@ -342,20 +307,6 @@ def run_command(request: RunRequest) -> None:
         confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
         done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm)
     leave(done)
-
-
-def _choice_of(stopped: StoppedRun) -> tuple[str | None, float]:
-    """Return the source of the counts of a stopped run, and how long it waits for one; no source for another run."""
-    if stopped.choose is None:
-        return None, WITHIN_S
-    source, within_s = stopped.choose.get("source"), stopped.choose.get("within_s")
-    if not isinstance(source, str) or not isinstance(within_s, int | float):
-        raise BadInputError(
-            f"run folder {stopped.folder.path}: its provenance does not say where the counts come from; start a "
-            "new run",
-            "bad_provenance",
-        )
-    return source, float(within_s)
 
 
 def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
@@ -403,18 +354,10 @@ def _refuse_mounts(command: str, run: RequestedRun, mounted: str | None) -> None
         parse_shape(mounted)
     if can_answer():
         return
-    if run.stopped is not None and run.stopped.choose is not None:  # The rest of its presses is not known yet.
-        from rig.design.designed import Designed
-
-        refuse_mounts(command, Designed.of(run.script).request.shapes, mounted)
-        return
-    if run.choose is None:
-        finger = run.loaded()
-        with checking_the_script() as show_steps:
-            plan = make_plan(run.script, run.config, finger, *run.before, show_steps)
-    else:
-        plan = run.choose.approved
-    refuse_mounts(command, plan.mounts, mounted)
+    finger = run.loaded()
+    with checking_the_script() as show_steps:
+        plan = make_plan(run.script, run.config, finger, *run.before, show_steps)
+    refuse_mounts(command, [*plan.mounts, *(press.indentor for press in plan.allowed)], mounted)
 
 
 @dataclass(frozen=True)
@@ -449,7 +392,6 @@ def resume_command(request: ResumeRequest) -> None:
         owner = opened.enter_context(owning(run, stage))
         if stopped.run is not None and stopped.complete:
             leave(make_whole(stopped, stopped.run, owner, as_json=request.as_json))
-        run = opened.enter_context(with_choice(run, *_choice_of(stopped)))
         confirm = _checked(stopped, owner, yes=request.yes)
         pace = None if stage is None else 1.0
         done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm, pace)

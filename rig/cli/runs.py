@@ -409,11 +409,12 @@ def ending_of(run: Run, state: str) -> EndingJson | None:
 
 def ending_lines(run: Run) -> dict[str, str] | None:
     """Return the description of an early end for the report, or None."""
-    ending = ending_of(run, state_of(run))
-    if ending is None:
+    state = state_of(run)
+    if state in (RunStatus.DONE, RunStatus.RUNNING):
         return None
-    words = {name: ending.get(key) for key, name in _OF_AN_ENDING.items() if name != "because"}
-    return {name: str(one) for name, one in words.items() if one}
+    from rig.session.early_ending import Ending  # It imports the engine, which a completed run does not need.
+
+    return (Ending.killed(run) if run.stop is None else Ending.recorded(run, state)).lines
 
 
 def _identities(run: Run) -> dict[str, str]:

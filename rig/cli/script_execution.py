@@ -52,7 +52,6 @@ from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 
 if TYPE_CHECKING:
-    from rig.design.adaptive_run import AdaptiveRun
     from rig.plan.nerve import SpikeRequest
     from sim.models.fingertip import Fingertip
 
@@ -71,7 +70,6 @@ class RequestedRun:
     as_json: bool
     finger: FingerProcess | None = None  # serves a run whose own process must not solve
     spikes: "SpikeRequest | None" = None  # simulated after the run, before its report
-    choose: "AdaptiveRun | None" = None  # chooses the presses
 
     @property
     def stopped(self) -> StoppedRun | None:
@@ -323,7 +321,7 @@ def carry_out(
     `confirm` is called after all checks and before any motion; None starts at once. `pace` is real seconds per second
     of bench time; None runs as fast as possible.
     """
-    as_json, choose, spikes = run.as_json, run.choose, run.spikes
+    as_json, spikes = run.as_json, run.spikes
     session = _planned(run)
     if spikes is not None:
         from rig.plan.nerve import firing_speeds_of, presses_of_plan
@@ -335,8 +333,6 @@ def carry_out(
     began = time.perf_counter()
     owner.at("running")
     course = None if isinstance(page.rehearsal, EngineError) else page.rehearsal.course
-    if course is not None and choose is not None:
-        course = choose.course(course)
     shown = progress(len(session.plan.indentations), time_left(page, pace), course, as_json=as_json)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = AtTheTerminal(pause, watch, run.begins, course, owner)
@@ -368,16 +364,12 @@ _MOST_DIFFERENCES = 3
 
 def _planned(run: RequestedRun) -> Session:
     """Check the script, and print how it differs from that of the run that is resumed."""
-    finger, choose = run.loaded(), run.choose
-    script, known, trip_n = run.script, None, 0.0
-    if choose is not None:
-        script, known, trip_n = choose.as_script(), choose.approved.predictions, choose.approved.soft_trip_n
+    finger = run.loaded()
     with checking_the_script() as show_steps:
-        plan = make_plan(script, run.config, finger, *run.before, show_steps, known, trip_n)
+        plan = make_plan(run.script, run.config, finger, *run.before, show_steps)
     for difference in plan.differences[:_MOST_DIFFERENCES]:
         complain(f"the script differs from the resumed run: {difference}")
-    session = Session(script, run.config, finger, plan, run.into)
-    return session if choose is None else choose.applied(session)
+    return Session(run.script, run.config, finger, plan, run.into)
 
 
 def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner, *, as_json: bool) -> FinishedRun:

@@ -126,6 +126,7 @@ def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> 
         silent_at_rest=form.silent_at_rest,
         fingers=len(pool.candidates.eps),
         spikes=data.spikes,
+        rate_unit=overlays[0].recording.rate_unit,
         not_observed=tuple(
             f"{overlay.recording.name}: {overlay.recording.spikes.left_out}"
             for overlay in overlays

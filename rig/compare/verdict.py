@@ -162,6 +162,8 @@ class AfferentVerdict:
     fingers: int = 1
     spikes: int | None = None
     """Number of spikes in all windows together, if spikes were counted."""
+    rate_unit: str = "1/s"
+    """Unit of the recorded rates."""
     not_observed: tuple[str, ...] = ()
     """Per recording, how many presses were left out since the unit was not observed, and when it was."""
 

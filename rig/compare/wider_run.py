@@ -22,7 +22,7 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_model import FingerModel, Predictions, from_copy
 from rig.plan.plan import Plan, Planner
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.check import Walk
+from rig.protocol.check import ScriptState
 from rig.protocol.handlers import Patience, SilentScriptError, impatient
 from rig.protocol.script import Script, find_script, script_with, shipped_protocols
 from rig.records import Pace, Prediction, Target
@@ -191,23 +191,23 @@ class _Planned:
         if self._script is None:
             return None
         script = self._script.fresh()
-        rig, walk = self._rig(_ranged(script.parameters, low, high))
+        rig, state = self._rig(_ranged(script.parameters, low, high))
         try:
             with impatient():
                 script.run(rig)
         except (*_REFUSED, SilentScriptError):
-            return walk.x_mm
+            return state.x_mm
         return None
 
-    def _rig(self, parameters: ProtocolParameters) -> tuple[Rig, Walk]:
+    def _rig(self, parameters: ProtocolParameters) -> tuple[Rig, ScriptState]:
         def where(indentor: str) -> str:
             return from_copy(self._run.folder.path, indentor)
 
         model = _Beyond(self._finger, self._known, where, self._config.identified)
         if self._script is not None and parameters is not _NO_PARAMETERS:
             model.own = _inwards(self._stimulus.x_mm)
-        walk = Walk(self._config, model)
-        return Rig(parameters, walk, Patience(Planner(walk, Plan(predictions=self._known)))), walk
+        state = ScriptState(self._config, model)
+        return Rig(parameters, state, Patience(Planner(state, Plan(predictions=self._known)))), state
 
 
 def _inwards(x_mm: NDArray[np.float64]) -> tuple[float, float]:

@@ -51,7 +51,8 @@ def verdict_of(run: Run) -> ChoiceVerdict | None:
         return None
     last = choices[-1]
     ranked = dict(sorted(probabilities_of(last).items(), key=lambda one: -one[1]))
-    truth = (run.start.get("choose") or {}).get("truth") or {}
+    described = [one["truth"] for one in run.stream("count_source") if one.get("truth")]
+    truth = json.loads(described[-1]) if described else {}
     planned = [int(one["index"]) for one in choices if one["reason"] in (BY_PLAN, PLAN_DONE)]
     return ChoiceVerdict(
         ranked,

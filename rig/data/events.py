@@ -271,6 +271,15 @@ class RestEvent(Event):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class CountSourceEvent(Event):
+    """The source of the counts that choose presses was opened."""
+
+    source: Annotated[str, "what the script named: a file, a stream, a virtual nerve, or a function"]
+    presses: Annotated[int, "number of presses that may be chosen"]
+    truth: Annotated[str, "parameters of a virtual nerve with its candidate, as JSON; empty if recorded"] | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ChoiceEvent(Event):
     """The next press was chosen from the counts so far, or the presses ended."""
 
@@ -383,6 +392,11 @@ class Column(NamedTuple):
 
 TIME = Column("t_s", "s", float, "time of the event since the start of the run")
 """First column of every table of events."""
+
+
+def is_last_hold(end: Mapping[str, Any], start: Mapping[str, Any]) -> bool:
+    """Return whether a hold that has ended finishes the press that began with `start`."""
+    return end.get("hold") is not None and end["hold"] == start.get("increments")
 
 
 @cache

@@ -346,10 +346,10 @@ def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
 
 
 def _add_presses(run: Run, file: Any) -> None:
-    """Add one trial for each press that ended at clearance, with the columns that any of them has."""
-    finished = [row for row in presses_table(run) if row["end_s"] is not None]
+    """Add one trial for each press that is complete or ended at clearance, with the columns that any of them has."""
+    finished = [row for row in presses_table(run) if row["complete"] or row["end_s"] is not None]
     for row in finished:
-        file.add_trial(start_time=row["t_s"], stop_time=row["end_s"])
+        file.add_trial(start_time=row["t_s"], stop_time=row["hold_end_s"] if row["end_s"] is None else row["end_s"])
     for column in columns_of(PressRecord):
         values = [row[column.name] for row in finished]
         if column.name not in ("t_s", "end_s") and any(value is not None for value in values):

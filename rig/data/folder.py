@@ -111,19 +111,21 @@ class RunFolder:
         """Names of all files except the checksums."""
         return {p.name for p in self.path.iterdir() if p.is_file() and p.name not in (_SUMS, _LOCK)}
 
-    def write_checksums(self) -> None:
+    def write_checksums(self, *, new: bool = False) -> None:
         """Write SHA256SUMS for every file of the folder, as `sha256sum -c` reads it.
 
-        The copied inputs keep the checksums that they had when the run began.
+        The copied inputs keep the checksums that they had when the run began, or none: only a `new` folder is
+        known to have those of the run.
         """
         known = self._known_sums() if (self.path / _SUMS).exists() else {}
-        inputs = {name: known[name] for name in self._inputs(known) if name in known}
-        self._write_sums({name: _digest(self.path / name) for name in self.files} | inputs)
+        inputs = self._inputs({*known, *self.files}) if not new else ()
+        kept = {name: known[name] for name in inputs if name in known}
+        self._write_sums({name: _digest(self.path / name) for name in self.files - {*inputs}} | kept)
 
     def add_checksums(self, made: set[str]) -> None:
         """Update SHA256SUMS for new files, and leave the other lines unchanged."""
         known = self._known_sums() if (self.path / _SUMS).exists() else {}
-        new = made | (self.files - set(known))
+        new = made | (self.files - set(known) - {*self._inputs(self.files)})
         if new:
             self._write_sums(known | {name: _digest(self.path / name) for name in new})
 
@@ -142,21 +144,33 @@ class RunFolder:
         return [name for name in self._inputs(known) if known.get(name) != _digest(self.path / name)]
 
     @property
-    def warning(self) -> str | None:
-        """Sentence on the copied inputs that have changed since the run began; None if none is known to have."""
+    def warnings(self) -> list[str]:
+        """Sentences on the copied inputs that have changed since the run began, and on those that may have."""
         try:
             known = self._known_sums()
-            there = [name for name in self._inputs(known) if name in known and (self.path / name).is_file()]
-            changed = [name for name in there if known[name] != _digest(self.path / name)]
+        except FileNotFoundError:
+            known = {}
         except OSError:
-            return None
-        if not changed:
-            return None
-        return (
-            f"run folder {self.path}: {', '.join(changed)} changed since the run began, so what is read or computed "
-            f"from {'it' if len(changed) == 1 else 'them'} (finger, limits, protocol) may not be the run's; put back "
-            "an undamaged copy if you have one"
-        )
+            return []
+        there = [name for name in self._inputs({*known, *self.files}) if (self.path / name).is_file()]
+        try:
+            changed = [name for name in there if name in known and known[name] != _digest(self.path / name)]
+        except OSError:
+            return []
+        unlisted, has = [name for name in there if name not in known], "is missing"
+        if (self.path / _SUMS).is_file():
+            has = f"has no checksum of {'it' if len(unlisted) == 1 else 'them'}"
+        found = [
+            (changed, "changed since the run began"),
+            (unlisted, f"cannot be verified, since {_SUMS} {has}"),
+        ]
+        return [
+            f"run folder {self.path}: {', '.join(names)} {problem}, so what is read or computed from "
+            f"{'it' if len(names) == 1 else 'them'} (finger, limits, protocol) may not be the run's; put back an "
+            "undamaged copy if you have one"
+            for names, problem in found
+            if names
+        ]
 
     def copies(self) -> dict[str, bytes]:
         """Return the copied inputs by file name. Raises OSError."""
@@ -231,7 +245,7 @@ def new_run_folder(
         replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
         for copy, content in (more_files or {}).items():
             replace_bytes(partial / copy, content)
-        RunFolder(partial).write_checksums()
+        RunFolder(partial).write_checksums(new=True)
         partial.rename(parent / name)
     except OSError:
         shutil.rmtree(partial, ignore_errors=True)
@@ -256,7 +270,7 @@ def _written(path: Path, contents: Mapping[str, bytes]) -> RunFolder:
     for name, content in contents.items():
         replace_bytes(path / name, content)
     folder = RunFolder(path)
-    folder.write_checksums()
+    folder.write_checksums(new=True)
     return folder
 
 

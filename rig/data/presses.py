@@ -29,6 +29,7 @@ from rig.data.events import (
     TargetDepth,
     TargetForce,
     Verb,
+    is_last_hold,
 )
 from rig.data.run import Event, Run
 
@@ -90,7 +91,7 @@ def presses_table(run: Run) -> list[dict[str, Any]]:
 def _press(start: Event, along_mm: float | None, last: Mapping[str, Event]) -> PressRecord:
     """Return the row of a press from its start and the last event of each stream."""
     target, hold = {start["target"]: start["value"]}, last.get("hold_end", {})
-    complete = hold.get("hold") == start["increments"]
+    complete = is_last_hold(hold, start)
     asked: dict[str, Any] = {name: start.get(name) for name in _ASKED}
     delivered: dict[str, Any] = {name: hold.get(name) for name in _DELIVERED if complete}
     return PressRecord(

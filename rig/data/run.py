@@ -229,7 +229,7 @@ class Run:
     @property
     def warnings(self) -> list[str]:
         """Sentences on a damaged journal, and on other files that are not those of the run."""
-        return [one for one in (self.warning, self.folder.warning) if one is not None]
+        return [*([] if self.warning is None else [self.warning]), *self.folder.warnings]
 
     @cached_property
     def state(self) -> "RunState":
@@ -291,7 +291,6 @@ _TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
     "parameters": dict,
     "virtual": bool,
     "subject": (str, type(None)),
-    "choose": (dict, type(None)),
     "devices": dict,
     "versions": dict,
     "model": (dict, type(None)),

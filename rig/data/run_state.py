@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from rig.data.deviation import PressDeviation, bands_of, deviation_of
 from rig.data.documents import Document
-from rig.data.events import READING, WAITED_FOR
+from rig.data.events import READING, WAITED_FOR, is_last_hold
 from rig.data.folder import RunFolder, replace_text
 from rig_shared.user_files import json_of, read_text
 
@@ -21,7 +21,7 @@ Milestone = tuple[str, int, int]
 """Stream; number of the press, or of the event in its stream; number of the hold."""
 
 BEGUN, ENDED = "indentation_start", "indentation_end"
-_ONE_BY_ONE = ("mount", "home", "zero", "move", "rest", "find")
+_ONE_BY_ONE = ("mount", "home", "zero", "move", "rest", "find", "choice")
 _OF_A_PRESS = (BEGUN, "touch", "hold_start", "hold_end", ENDED)
 
 _MARKS = ("block", "repeat", "condition")
@@ -88,6 +88,8 @@ def step_in_words(stream: str, data: Mapping[str, Any]) -> str:
             return f"touch at x = {data['x_mm']:+.2f} mm"
         case "home" | "zero":
             return stream
+        case "choice":
+            return "choose the next press"
     unit = {"doi_mm": "mm", "force_gwt": "gwt"}[data["target"]]
     purpose = stream.removesuffix(BEGUN).replace("_", " ") or "press "
     return f"{purpose}{data['indentor']} at {data['x_mm']:+.2f} mm to {data['value']:g} {unit}"
@@ -215,10 +217,6 @@ def written_ns(folder: RunFolder) -> int:
         return 0
 
 
-UNTIL_CHOSEN = {"mount": "mount the chosen indentor", "move": "move to the chosen press", BEGUN: "chosen press"}
-"""Words of steps that an adaptive run has not chosen yet, by stream."""
-
-
 class Agenda:
     """Present and next step of a run, from all of its events."""
 
@@ -234,7 +232,7 @@ class Agenda:
         name = self._milestones.name(stream, data)
         if name is not None:
             self._passed = self._index.get(name, self._passed)
-            if self._words.get(name) == UNTIL_CHOSEN.get(stream, ""):
+            if name in self._words:  # A script may decide as it runs.
                 self._words = {**self._words, name: step_in_words(stream, data)}
 
     @property
@@ -363,10 +361,10 @@ class RunState:
             self.indentation, self.holds = data, []
         elif stream == "hold_end":
             self.holds.append(data)
-        elif stream == ENDED and "index" in data:
-            self.finished.add(data["index"])
-            if self.deviation is not None:
-                self.deviations[data["index"]] = self.deviation
+            if is_last_hold(data, self.indentation) and "index" in data:
+                self.finished.add(data["index"])
+                if self.deviation is not None:
+                    self.deviations[data["index"]] = self.deviation
         elif stream in ("alarm", "trip", "paused"):
             self.said = str(data.get("reason", ""))
 
@@ -402,7 +400,7 @@ class RunState:
     @property
     def deviation(self) -> PressDeviation | None:
         """Measured beside predicted quantity of the last indentation; None before its last hold has ended."""
-        if not self.holds or self.holds[-1].get("hold") != self.indentation.get("increments"):
+        if not self.holds or not is_last_hold(self.holds[-1], self.indentation):
             return None
         return deviation_of(self.indentation, self.holds[-1], bands_of(self.start))
 

@@ -1,39 +1,40 @@
-"""Run of a designed script in which each press is chosen after the count of the one before.
+"""ChosenPress of the presses of a designed script, each after the count of the one before.
 
 The presses are those of any script: verbs, with the same checks, carried out by the same executors. Only one step is
 new, the choice. It waits at clearance, and it can only return a press that was checked before the first motion.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from weakref import WeakKeyDictionary
+
+from pydantic import AfterValidator
 
 from rig.clock import WallClock
-from rig.data import Run
 from rig.data.choices import BY_PLAN, PLAN_DONE, probabilities_of
-from rig.data.events import AlarmEvent, ChoiceEvent
-from rig.data.run_state import UNTIL_CHOSEN, Course
-from rig.design.adaptive import SpikeCount
-from rig.design.chooser import ChooserLostError, Choosing, Decision, NextPressChooser, probabilities_as_text
-from rig.design.designed import Designed
-from rig.design.press_times import in_memory
-from rig.design.presses import PossiblePress
+from rig.data.events import AlarmEvent, ChoiceEvent, CountSourceEvent
+from rig.design.exceptions import DesignError
+from rig.design.presses import PossiblePress, planned_presses
 from rig.engine import Engine, verbs
 from rig.errors import BadInputError, CountError
-from rig.plan.plan import Plan, make_plan
-from rig.protocol.api import Rig
-from rig.protocol.check import Spot, Walk
-from rig.protocol.script import Script
-from rig.protocol.steps import Owed, Step
-from rig.session.session import Session
+from rig.plan.config import Config
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import Plan, Planner
+from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.check import PressPlace, ScriptState
+from rig.protocol.steps import Journalled, ResumeRule, Step
+from rig.records import PlannedIndentation
 from sim.finger_process import Finger
 
-E = TypeVar("E")
-A = TypeVar("A")
+if TYPE_CHECKING:  # A designed script without counts needs none of these.
+    from rig.design.chooser import Choosing, Decision, NextPressChooser
+    from rig.design.designed import Designed
 
 LOOK_S = 0.005
 
@@ -41,198 +42,284 @@ CHOICE_WITHIN_S = 10.0
 """Longest wait for a choice that needs no count (s)."""
 
 
+def _absolute(source: str) -> str:
+    """Return a source with the absolute path of its file, so that a run of it resumes anywhere."""
+    return str(Path(source).absolute()) if source.endswith(".csv") else source
+
+
+CountsSource = Annotated[str, AfterValidator(_absolute)]
+"""Type of the parameter that names the source of the counts."""
+
+
+@dataclass(frozen=True)
+class ChosenPress:
+    """Answer of a choice: the next press and its number, or None at the end; why; count of the press before."""
+
+    press: PossiblePress | None
+    possible: int | None = None
+    reason: str = BY_PLAN
+    count: int | None = None
+    probabilities: tuple[float, ...] = ()
+
+
+class ConfiguredFinger(NamedTuple):
+    """Configuration and finger model of the pass over a script."""
+
+    config: Config
+    model: FingerModel
+
+
 @dataclass(frozen=True, kw_only=True)
-class ChoosePress(Step[None, int | None]):
-    """Wait at clearance for the count of the last press, and choose the next one; None ends the presses."""
+class ChoosePress(Step[ConfiguredFinger, ChosenPress]):
+    """Wait at clearance for the count of the last press, and choose the next one; the planned one in a plan."""
 
     verb: ClassVar[str] = "choice"
-    owed: ClassVar[Owed] = Owed.ONCE
+    on_resume: ClassVar[ResumeRule] = ResumeRule.ONCE
 
     index: int
-    last: int | None
-    planned: int | None
-    of: "AdaptiveRun"
+    planned: PossiblePress | None
+    chooser: "Chooser" = field(repr=False)
 
-    def check(self, walk: Walk) -> Spot:
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        return state.place()
 
-    def foreseen(self, expected: None) -> int | None:
-        return self.planned
+    def expect(self, place: PressPlace, state: ScriptState) -> ConfiguredFinger:
+        assert isinstance(state.settings, Config)
+        assert isinstance(state.model, FingerModel)
+        return ConfiguredFinger(state.settings, state.model)
 
-    def execute(self, engine: Engine, expected: None) -> int | None:
-        return self.of.choose(engine, self)
+    def foreseen(self, expected: ConfiguredFinger) -> ChosenPress:
+        return ChosenPress(self.planned, reason=PLAN_DONE if self.planned is None else BY_PLAN)
 
-    def rehearse(self, engine: Engine, expected: None) -> int | None:
-        return self.planned
+    def allowed_presses(self, expected: ConfiguredFinger) -> Sequence[PlannedIndentation]:
+        return self.chooser.checked_presses(expected)
+
+    def execute(self, engine: Engine, expected: ConfiguredFinger) -> ChosenPress:
+        return self.chooser.choose(engine, self, expected)
+
+    def rehearse(self, engine: Engine, expected: ConfiguredFinger) -> ChosenPress:
+        choice = self.foreseen(expected)
+        engine.record(_event(self.index, choice, "{}"))
+        return choice
+
+    @classmethod
+    def answers(cls, before: Journalled) -> dict[int, ChosenPress]:
+        return dict(enumerate(map(_recorded, before.stream("choice"))))
 
 
-@dataclass(eq=False)
-class AdaptiveRun:
-    """Presses of an adaptive run: first those in the journal of `before`, then chosen or planned ones.
+class Chooser:
+    """Presses of a designed script: those that were planned, or those that spike counts choose.
 
-    A count is awaited for at most `within_s`.
+    Parameters
+    ----------
+    rig : Rig
+        Rig of the script.
+    design : mapping
+        Block `DESIGN` of the script: what the presses are chosen for.
+    blocks : sequence
+        Block `BLOCKS` of the script: the planned presses.
+    hold_s : float
+        Hold of each press: the window of the counts (s).
+    rest_s : float
+        Rest after each press (s).
+    counts : str, optional
+        Source of the counts: a CSV file, ``lsl:STREAM``, ``virtual:SA1``, ``virtual:MEASURE`` or ``module:function``.
+        Without one the planned presses follow in order.
+    within_s : float, optional
+        Longest wait for a count (s); then the planned presses follow.
+
+    Raises
+    ------
+    DesignError
+        If a block is wrong, or the text names no source.
+    ShapeError
+        If a shape does not exist.
     """
 
-    script: Script
-    designed: Designed
-    choosing: Choosing
-    within_s: float
-    open_chooser: Callable[[Choosing], NextPressChooser]
-    before: Run | None = None
-    approved: Plan = field(default_factory=Plan)  # every press that may be chosen
-    _chooser: NextPressChooser | None = field(default=None, init=False)
-    _truth: Mapping[str, Any] | None = field(default=None, init=False)
+    def __init__(
+        self,
+        rig: Rig,
+        design: Mapping[str, Any],
+        blocks: Sequence[Any],
+        *,
+        hold_s: float,
+        rest_s: float,
+        counts: str = "",
+        within_s: float = 30.0,
+    ) -> None:
+        self._rig, self._source, self._within_s = rig, counts, within_s
+        self._planned = planned_presses(design, blocks)
+        self._design = _designed(design, blocks, counts, hold_s, rest_s) if counts else None
+        self._choices: list[ChosenPress] = []
+        self._checked = False
+        self._choosing: Choosing | None = None
+        self._counter: NextPressChooser | None = None
 
-    def __post_init__(self) -> None:
-        candidates = self.choosing.request.candidates
-        for one in self.recorded:
-            self._refuse_changed(one)
-        self._probabilities = tuple(probabilities_of(self.recorded[-1]).values()) if self.recorded else ()
-        self._probabilities = self._probabilities or (1 / len(candidates),) * len(candidates)
-
-    def _refuse_changed(self, choice: Mapping[str, Any]) -> None:
-        """Raise BadInputError if the number of a recorded press now names another one, or none."""
-        number = choice.get("possible")
-        if number is None:
-            return
-        press = PossiblePress(choice["indentor"], choice["x_mm"], choice["target"], choice["value"])
-        if not 0 <= number < len(self.presses) or self.presses[number] != press:
-            raise BadInputError(
-                f"choice {choice['index']} of the stopped run, {press.title}, is no longer press {number} of "
-                "those that may be chosen: the journal, the finger or this program changed; start a new run",
-                "choice_changed",
-            )
-
-    @cached_property
-    def recorded(self) -> list[Mapping[str, Any]]:
-        """Choices in the journal."""
-        return [] if self.before is None else list(self.before.stream("choice"))
-
-    @cached_property
-    def presses(self) -> Sequence[PossiblePress]:
-        """Presses that may be chosen."""
-        return self.choosing.table.presses
-
-    @cached_property
-    def planned(self) -> list[int]:
-        """Numbers of the planned presses, without those beyond the limits."""
-        number = {press: k for k, press in enumerate(self.presses)}
-        return [number[press] for press in self.designed.planned if press in number]
-
-    def as_script(self) -> Script:
-        """Return the script that carries out the choices."""
-        return replace(self.script, run=self.run, texts=None)
-
-    def run(self, rig: Rig) -> None:
-        """Make presses until there is nothing to choose."""
-        parameters, made, mounts, shape = self.choosing.request, list[int](), 0, None
-        while True:
-            index, last = len(made), made[-1] if made else None
-            planned = self._planned_after(made, shape)
-            possible = rig.do(ChoosePress(index=index, last=last, planned=planned, of=self))
-            if index < len(self.recorded):
-                found = self.recorded[index].get("possible")
-                possible = None if found is None else int(found)
-            if possible is None:
-                return
-            press = self.presses[possible]
-            if press.shape != shape:
-                shape, mounts = press.shape, mounts + 1
-                rig.mount(shape)
-                if mounts == 1:
-                    rig.home()
-                rig.checkpoint(f"indentor {mounts}: {shape}")
-                rig.zero()
-            press.make(rig, parameters.hold_s)
-            rig.rest(parameters.rest_s)
-            made.append(possible)
-
-    def _planned_after(self, made: Sequence[int], shape: str | None) -> int | None:
-        """Return the next press of the plan that was not made, with the mounted shape first."""
-        left = list(self.planned)
-        for one in made:
-            with suppress(ValueError):
-                left.remove(one)
-        if not left or len(made) >= len(self.planned):
-            return None
-        return next((one for one in left if self.presses[one].shape == shape), left[0])
-
-    # --- around the run ---
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """Record of the choice for the journal and the run folder."""
-        return {
-            "source": self.choosing.source,
-            "within_s": self.within_s,
-            "candidates": list(self.choosing.request.candidates),
-            "possible_presses": len(self.presses),
-            "truth": None if self._truth is None else dict(self._truth),
-        }
-
-    def opened(self) -> "AdaptiveRun":
-        """Open the source, unless the run already follows the plan. Raises CountError before a motion."""
-        if not any(one["reason"] in (BY_PLAN, PLAN_DONE) for one in self.recorded):
-            self._chooser = self.open_chooser(self.choosing)
-            self._truth = self._chooser.truth
+    def __enter__(self) -> "Chooser":
         return self
 
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the source of the counts."""
+        self.close()
+
     def close(self) -> None:
-        """End the source."""
-        chooser, self._chooser = self._chooser, None
-        if chooser is not None:
-            chooser.close()
+        """Close the source of the counts."""
+        counter, self._counter = self._counter, None
+        if counter is not None:
+            counter.close()
 
-    def applied(self, session: Session) -> Session:
-        """Return the session with the choice, and with the soft trip of all presses that may be chosen."""
-        trip_n = max(self.approved.soft_trip_n, session.plan.soft_trip_n)
-        before = session.plan.first_soft_trip_n
-        files = {**session.plan.shape_files, **self.approved.shape_files}
-        plan = replace(session.plan, first_soft_trip_n=trip_n if before is None else before, shape_files=files)
-        return replace(session, plan=plan, chooses=self.about, possible=self.approved)
+    def next(self) -> PossiblePress | None:
+        """Return the next press, or None after the last one.
 
-    @staticmethod
-    def course(planned: Course) -> Course:
-        """Return the course of a run whose presses are chosen as it proceeds."""
-        words = {name: UNTIL_CHOSEN.get(name[0], text) for name, text in planned.words.items()}
-        return replace(planned, words=words)
+        Returns
+        -------
+        PossiblePress or None
+            Shape, position (mm), and depth (mm) or force (gwt).
+        """
+        planned = self._planned_next()
+        if self._source:
+            choice = self._rig.do(ChoosePress(index=len(self._choices), planned=planned, chooser=self))
+        else:
+            choice = ChosenPress(planned)
+        self._choices.append(choice)
+        return choice.press
+
+    @property
+    def _made(self) -> list[PossiblePress]:
+        return [choice.press for choice in self._choices if choice.press is not None]
+
+    def _planned_next(self) -> PossiblePress | None:
+        """Return the next press of the plan that was not made, with the mounted shape first."""
+        made, left = self._made, list(self._planned)
+        for press in made:
+            with suppress(ValueError):
+                left.remove(press)
+        if not left or len(made) >= len(self._planned):
+            return None
+        return next((press for press in left if made and press.shape == made[-1].shape), left[0])
+
+    # --- before the first motion ---
+
+    def checked_presses(self, on: ConfiguredFinger) -> Sequence[PlannedIndentation]:
+        """Return every press that may be chosen, once for each pass. Raises BadInputError for one beyond a limit.
+
+        Each counts as if it were the only one, because a run makes few of them; its total is checked as it presses.
+        """
+        if self._checked:
+            return ()
+        self._checked = True
+        choosing = self._prepared(on)
+        choosing.refuse_too_short()
+        for number, choice in enumerate(self._choices):
+            _refuse_changed(number, choice, choosing.table.presses)
+        on.model.learn(choosing.table.predictions)
+        plan, state = Plan(), ScriptState(on.config, on.model)
+        rig, shape = Rig(ProtocolParameters(), state, Planner(state, plan)), ""
+        rig.home()
+        rig.zero()
+        for press in choosing.table.presses:
+            if press.shape != shape:
+                rig.mount(press.shape)
+                shape = press.shape
+            state.held_s = 0.0
+            press.make(rig, choosing.request.hold_s)
+        return plan.indentations
+
+    def _prepared(self, on: ConfiguredFinger) -> "Choosing":
+        """Return what a choice needs, with the counts so far."""
+        from rig.design.adaptive import SpikeCount
+
+        assert self._design is not None
+        table = _choosing(self._design, on.config, on.model.finger)
+        number = {press: k for k, press in enumerate(table.table.presses)}
+        history = tuple(
+            SpikeCount(number[press], None if after.count is None else float(after.count))
+            for before, after in pairwise(self._choices)
+            if (press := before.press) is not None and press in number
+        )
+        made = len(self._made)
+        return replace(table, source=self._source, history=history, made=made)
 
     # --- the choice, at clearance ---
 
-    def choose(self, engine: Engine, step: ChoosePress) -> int | None:
+    def choose(self, engine: Engine, step: ChoosePress, on: ConfiguredFinger) -> ChosenPress:
         """Return the next press, journalled with its reason; None ends the presses."""
-        found = None
-        if self._chooser is not None:
+        from rig.design.chooser import ChooserLostError, probabilities_as_text
+
+        self._choosing = self._choosing or self._prepared(on)
+        candidates = self._choosing.request.candidates
+        decision = None
+        if not any(choice.reason in (BY_PLAN, PLAN_DONE) for choice in self._choices):
+            counter = self._counter or self._opened(engine, self._choosing)
             try:
-                found = self._chosen(engine, self._chooser, step)
+                decision = self._counted(engine, counter, len(self._choosing.table.presses))
+                late = self._late
             except ChooserLostError as error:
-                self._go_by_plan(engine, step, str(error))
-            if found is None and self._chooser is not None:
-                self._go_by_plan(engine, step, self._late(step))
-        if found is None:
-            reason = PLAN_DONE if step.planned is None else BY_PLAN
-            found = Decision(None, step.planned, reason, None, self._probabilities, 0.0)
-        self._probabilities = found.probabilities
-        self._record(engine, step, found)
-        return found.possible
+                late = str(error)
+            if decision is None:
+                self.close()
+                engine.record(AlarmEvent(f"{late}; from press index {step.index} on, the run follows the plan"))
+        if decision is None:
+            choice = self._by_plan(step, self._choosing.table.presses, len(candidates))
+        else:
+            possible = decision.possible
+            press = None if possible is None else self._choosing.table.presses[possible]
+            choice = ChosenPress(press, possible, decision.reason, decision.spikes, decision.probabilities)
+        bits, took_s = (None, 0.0) if decision is None else (decision.information_bits, decision.chosen_in_s)
+        engine.record(
+            _event(step.index, choice, probabilities_as_text(candidates, choice.probabilities), bits, took_s)
+        )
+        return choice
 
-    def _late(self, step: ChoosePress) -> str:
-        if step.last is None:
+    def _by_plan(self, step: ChoosePress, presses: Sequence[PossiblePress], candidates: int) -> ChosenPress:
+        """Return the planned press, with the probabilities of the last count."""
+        known = self._choices[-1].probabilities if self._choices else ()
+        return ChosenPress(
+            step.planned,
+            None if step.planned is None else presses.index(step.planned),
+            PLAN_DONE if step.planned is None else BY_PLAN,
+            None,
+            known or (1 / candidates,) * candidates,
+        )
+
+    def _opened(self, engine: Engine, choosing: "Choosing") -> "NextPressChooser":
+        """Open the source of the counts, and record it. Raises CountError."""
+        from rig.design.chooser import ChooserProcess, InProcessChooser
+        from rig.design.counts_from.opened import virtual_name
+
+        if getattr(engine.bench, "virtual", False):
+            if virtual_name(choosing.source) is None:
+                raise CountError(
+                    f"counts={choosing.source}: a dry-run has no nerve to record; use virtual:SA1 or virtual:MEASURE",
+                    "not_virtual",
+                )
+            self._counter = InProcessChooser(choosing)
+        else:
+            self._counter = ChooserProcess(choosing, _waiting(engine, WallClock()))
+        truth = self._counter.truth
+        engine.record(
+            CountSourceEvent(
+                choosing.source, len(choosing.table.presses), None if truth is None else json.dumps(dict(truth))
+            )
+        )
+        return self._counter
+
+    @property
+    def _late(self) -> str:
+        if not self._choices:
             return f"no choice of the first press within {CHOICE_WITHIN_S:g} s"
-        return f"no count of press index {step.index - 1} within {self.within_s:g} s"
+        return f"no count of press index {len(self._choices) - 1} within {self._within_s:g} s"
 
-    def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
-        """Continue with the plan, and report it in journal, output, panel and report."""
-        self.close()
-        engine.record(AlarmEvent(f"{why}; from press index {step.index} on, the run follows the plan"))
-
-    def _chosen(self, engine: Engine, chooser: NextPressChooser, step: ChoosePress) -> Decision | None:
+    def _counted(self, engine: Engine, counter: "NextPressChooser", presses: int) -> "Decision | None":
         """Wait for the choice; None if the count does not arrive in time. Raises CountError."""
         clock = WallClock()
-        chooser.begin(step.last)
-        until_s = clock.monotonic_s() + (CHOICE_WITHIN_S if step.last is None else self.within_s)
+        last = self._choices[-1].possible if self._choices else None
+        counter.begin(last)
+        until_s = clock.monotonic_s() + (CHOICE_WITHIN_S if last is None else self._within_s)
         look = verbs.LooksAtClearance(engine, clock)
-        while not chooser.is_ready():
+        while not counter.is_ready():
             began_s = clock.monotonic_s()
             verbs.safe_point(engine)
             now_s = clock.monotonic_s()
@@ -242,63 +329,95 @@ class AdaptiveRun:
             look()
             clock.wait_s(LOOK_S)
         verbs.safe_point(engine)
-        found = chooser.decision()
-        if found.possible is not None and not 0 <= found.possible < len(self.presses):
+        decision = counter.decision()
+        if decision.possible is not None and not 0 <= decision.possible < presses:
             raise CountError(
-                f"press {found.possible} was chosen, which is none of the {len(self.presses)} that were checked",
+                f"press {decision.possible} was chosen, which is none of the {presses} that were checked",
                 "press_not_checked",
             )
-        return found
+        return decision
 
-    def _record(self, engine: Engine, step: ChoosePress, found: Decision) -> None:
-        press = None if found.possible is None else self.presses[found.possible]
-        choice = ChoiceEvent(
-            index=step.index,
-            indentor=None if press is None else press.shape,
-            x_mm=None if press is None else press.x_mm,
-            target=None if press is None else press.kind,
-            value=None if press is None else press.target,
-            reason=found.reason,
-            count=found.spikes,
-            probabilities=probabilities_as_text(self.choosing.request.candidates, found.probabilities),
-            information_bits=found.information_bits,
-            possible=found.possible,
-            chosen_in_s=round(found.chosen_in_s, 6),
+
+def _waiting(engine: Engine, clock: WallClock) -> Callable[[], None]:
+    """Return what is done while the source opens: a pause takes effect, and the devices are looked at."""
+    look = verbs.LooksAtClearance(engine, clock)
+
+    def wait() -> None:
+        verbs.safe_point(engine)
+        look()
+        clock.wait_s(LOOK_S)
+
+    return wait
+
+
+def _designed(design: Any, blocks: Any, counts: str, hold_s: float, rest_s: float) -> "Designed":
+    """Return the checked design of a script whose presses counts choose. Raises DesignError, ShapeError."""
+    from rig.design.counts_from.opened import refuse_source
+    from rig.design.designed import Designed
+
+    refuse_source(counts)
+    if not hold_s > 0:
+        raise DesignError("hold_s=0: counts need a hold, more than 0 s", "no_hold")
+    return Designed.of(design, blocks, hold_s=hold_s, rest_s=rest_s)
+
+
+_KNOWN: WeakKeyDictionary[Finger, dict[tuple[Any, ...], "Choosing"]] = WeakKeyDictionary()
+
+
+def _choosing(design: "Designed", config: Config, finger: Finger) -> "Choosing":
+    """Return presses, responses and times of a design on a finger; the passes of a run compute them once."""
+    from threadpoolctl import threadpool_limits
+
+    from rig.design import design as designs
+    from rig.design.chooser import Choosing
+
+    known = _KNOWN.setdefault(finger, {})
+    key = design.request, repr(design.plausible), config.model_dump_json()
+    if key not in known:
+        with threadpool_limits(1):
+            table, times, _ = designs.bench_of(
+                design.request, config, finger, design.plausible, lambda some, *_: iter(some), lambda *_: None
+            )
+        known[key] = Choosing(design.request, "", config, table, times)
+    return known[key]
+
+
+def _refuse_changed(index: int, choice: ChosenPress, presses: Sequence[PossiblePress]) -> None:
+    """Raise BadInputError if the number of a recorded press now names another one, or none."""
+    if choice.press is None or choice.possible is None:
+        return
+    if not 0 <= choice.possible < len(presses) or presses[choice.possible] != choice.press:
+        raise BadInputError(
+            f"choice {index} of the stopped run, {choice.press.title}, is no longer press {choice.possible} of "
+            "those that may be chosen: the journal, the finger or this program changed; start a new run",
+            "choice_changed",
         )
-        engine.record(choice)
 
 
-def approved(choosing: Choosing, finger: Finger, folder: Path | None = None) -> Plan:
-    """Return the plan of every press that may be chosen. Raises BadInputError for one beyond a limit.
-
-    Each counts as if it were the only one, because a run makes few of them; its total is checked as it presses.
-    """
-    held_s = choosing.request.hold_s
-
-    def run(rig: Rig) -> None:
-        shape = ""
-        for press in choosing.table.presses:
-            if press.shape != shape:
-                rig.mount(press.shape)
-                if not shape:
-                    rig.home()
-                rig.zero()
-                shape = press.shape
-            rig._walk.held_s = 0.0
-            press.make(rig, held_s)
-
-    return make_plan(in_memory(run), choosing.config, finger, None, folder, known=dict(choosing.table.predictions))
-
-
-def counted_in(run: Run | None) -> tuple[SpikeCount, ...]:
-    """Return the presses of a journal whose count was taken in, with it, in order."""
-    choices = [] if run is None else run.stream("choice")
-    return tuple(
-        SpikeCount(int(press["possible"]), None if after["count"] is None else float(after["count"]))
-        for press, after in pairwise(choices)
+def _event(
+    index: int, choice: ChosenPress, probabilities: str, bits: float | None = None, chosen_in_s: float = 0.0
+) -> ChoiceEvent:
+    press = choice.press
+    return ChoiceEvent(
+        index=index,
+        indentor=None if press is None else press.shape,
+        x_mm=None if press is None else press.x_mm,
+        target=None if press is None else press.kind,
+        value=None if press is None else press.target,
+        reason=choice.reason,
+        count=choice.count,
+        probabilities=probabilities,
+        information_bits=bits,
+        possible=choice.possible,
+        chosen_in_s=round(chosen_in_s, 6),
     )
 
 
-def presses_in(run: Run | None) -> int:
-    """Return how many presses of a journal have been chosen and made."""
-    return 0 if run is None else len(run.done)
+def _recorded(event: Mapping[str, Any]) -> ChosenPress:
+    """Return a choice of the journal."""
+    possible = event.get("possible")
+    press = (
+        None if possible is None else PossiblePress(event["indentor"], event["x_mm"], event["target"], event["value"])
+    )
+    probabilities = tuple(probabilities_of(event).values())
+    return ChosenPress(press, possible, event["reason"], event.get("count"), probabilities)

@@ -3,7 +3,7 @@
 import json
 import multiprocessing
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple, Protocol
@@ -159,8 +159,11 @@ class ChooserProcess:
     Whatever a source does, it delays nothing here: this class only polls a pipe.
     """
 
-    def __init__(self, what: Choosing) -> None:
-        """Begin the process, and wait until its source is open. Raises CountError, ChooserLostError."""
+    def __init__(self, what: Choosing, look: Callable[[], None] = lambda: None) -> None:
+        """Begin the process, and wait until its source is open; `look` is called meanwhile.
+
+        Raises CountError, ChooserLostError.
+        """
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
         self._process = context.Process(target=_serve, args=(far, what), name="chooser", daemon=True)
@@ -168,8 +171,12 @@ class ChooserProcess:
             self._process.start()
         far.close()
         try:
-            if not self._near.poll(_BEGINS_S):
-                raise ChooserLostError(f"--choose {what.source}: the source does not open within {_BEGINS_S:g} s")
+            clock = WallClock()
+            until_s = clock.monotonic_s() + _BEGINS_S
+            while not self._near.poll(_POLL_S):
+                look()
+                if clock.monotonic_s() > until_s:
+                    raise ChooserLostError(f"counts={what.source}: the source does not open within {_BEGINS_S:g} s")
             self.truth: Mapping[str, Any] | None = self._received()
         except BaseException:
             self.close()

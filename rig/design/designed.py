@@ -1,4 +1,4 @@
-"""The request of a design, as its script carries it: written by `rig design`, read by `rig run --choose`."""
+"""The request of a design, as its script carries it: written by `rig design`, read by its `Chooser`."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -10,9 +10,8 @@ from rig.compare.plausible_fingers import PlausibleFingers
 from rig.design.design import DesignRequest
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Range, Unknowns
-from rig.design.presses import Kind, PossiblePress, possible_presses
+from rig.design.presses import Kind, PossiblePress, planned_presses, possible_presses
 from rig.errors import first_problem
-from rig.protocol.script import Script
 from sim.contact.shapes import parse_shape
 
 _OWN = ("hold_s", "rest_s", "quick")  # parameters of the script, and of no use in a run
@@ -52,31 +51,20 @@ class Designed:
     planned: tuple[PossiblePress, ...]
 
     @classmethod
-    def of(cls, script: Script) -> "Designed":
-        """Return the design that a script carries.
+    def of(cls, design: Any, blocks: Any, *, hold_s: float, rest_s: float) -> "Designed":
+        """Return the design that the blocks of a script describe.
 
-        Raises DesignError if it is no designed script or a block is wrong, and ShapeError for an unknown shape.
+        Raises DesignError if a block is wrong, and ShapeError for an unknown shape.
         """
-        if script.design is None:
-            raise DesignError(
-                f"--choose: {script.path.name} has no DESIGN; write a script with `rig design`", "no_design"
-            )
         try:
-            block = _Block.model_validate(script.design["DESIGN"])
-            planned = _planned(script.design["BLOCKS"], block.kind)
+            block = _Block.model_validate(design)
         except ValidationError as error:
-            problem = first_problem(f"{script.path.name}, DESIGN", error, _Block)
+            problem = first_problem("DESIGN", error, _Block)
             raise DesignError(str(problem), problem.code) from None
-        except (TypeError, ValueError):
-            raise DesignError(
-                f"{script.path.name}, BLOCKS: must be shapes, each with pairs of numbers", "bad_blocks"
-            ) from None
+        planned = planned_presses(design, blocks)
         values: dict[str, Any] = block.model_dump()
         fingers, unknowns = values.pop("fingers"), Unknowns(**values.pop("unknowns"))
-        found = script.parameters.model_dump()
-        held: dict[str, Any] = {key: float(found[key]) for key in ("hold_s", "rest_s") if key in found}
-        if not held.get("hold_s", 1.0) > 0:
-            raise DesignError("--set hold_s=0: counts need a hold, more than 0 s", "no_hold")
+        held: dict[str, Any] = {"hold_s": float(hold_s), "rest_s": float(rest_s)}
         request = DesignRequest(**values, unknowns=unknowns, **held)
         request.refuse()
         possible = set(possible_presses(request.shapes, request.kind, request.targets))
@@ -85,20 +73,11 @@ class Designed:
                 parse_shape(press.shape)
             if press not in possible:
                 raise DesignError(
-                    f"{script.path.name}, BLOCKS: {press.title} is none of the presses of DESIGN; design the "
-                    "session again",
+                    f"BLOCKS: {press.title} is none of the presses of DESIGN; design the session again",
                     "press_not_designed",
                 )
-        plausible = None if fingers is None else PlausibleFingers(f"{script.path.name}, DESIGN", fingers)
+        plausible = None if fingers is None else PlausibleFingers("DESIGN", fingers)
         return cls(request, plausible, planned)
-
-
-def _planned(blocks: Any, kind: Kind) -> tuple[PossiblePress, ...]:
-    return tuple(
-        PossiblePress(str(shape), float(x_mm), kind, float(target))
-        for shape, pairs in blocks
-        for x_mm, target in pairs
-    )
 
 
 def as_block(request: DesignRequest, plausible: PlausibleFingers | None) -> str:

@@ -14,7 +14,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, Planner, make_plan
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.check import Walk
+from rig.protocol.check import ScriptState
 from rig.protocol.script import Script
 from rig.session.rehearse import rehearsed
 from sim.finger_process import Finger
@@ -91,8 +91,8 @@ def allowed(
     Raises DesignError if there are none.
     """
     plan = Plan(predictions=table.predictions)
-    walk = Walk(config, FingerModel(finger, plan.predictions, str, config.identified))
-    rig = Rig(ProtocolParameters(), walk, Planner(walk, plan))
+    state = ScriptState(config, FingerModel(finger, plan.predictions, str, config.identified))
+    rig = Rig(ProtocolParameters(), state, Planner(state, plan))
     unsolved = np.isnan(table.values).any(axis=(0, 2, 3)) | np.isnan(table.about).any(axis=1)
     solved = np.logical_not(unsolved).tolist()
     kept: list[int] = []
@@ -107,7 +107,7 @@ def allowed(
             rig.home()
             rig.zero()
             shape = press.shape
-        walk.held_s = 0.0  # A session makes few of them.
+        state.held_s = 0.0  # A session makes few of them.
         try:
             press.make(rig, hold_s)
         except BadInputError as error:

@@ -1,8 +1,9 @@
 """Presses that a design may choose from: shapes, positions, and depths or forces."""
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
+from rig.design.exceptions import DesignError
 from rig.protocol import Rig, about_the_centre
 
 Kind = Literal["doi_mm", "force_gwt"]
@@ -45,3 +46,15 @@ def possible_presses(shapes: Sequence[str], kind: Kind, targets: Sequence[float]
     return [
         PossiblePress(shape, x, kind, target) for shape in shapes for x in positions_mm(shape) for target in targets
     ]
+
+
+def planned_presses(design: Mapping[str, Any], blocks: Any) -> tuple[PossiblePress, ...]:
+    """Return the presses of the blocks of a designed script, in order. Raises DesignError."""
+    try:
+        return tuple(
+            PossiblePress(str(shape), float(x_mm), design["kind"], float(target))
+            for shape, pairs in blocks
+            for x_mm, target in pairs
+        )
+    except (KeyError, TypeError, ValueError):
+        raise DesignError("BLOCKS: must be shapes, each with pairs of numbers", "bad_blocks") from None

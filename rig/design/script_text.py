@@ -13,6 +13,7 @@ _HEAD = '''"""{title}
 {about}
 """
 
+from rig.design.adaptive_run import Chooser, CountsSource
 from rig.protocol import Field, ProtocolParameters, Rig
 
 METADATA = {{
@@ -20,7 +21,7 @@ METADATA = {{
     "source": {source},
 }}
 
-# What the presses were chosen for; `rig run --choose` chooses again after each count.
+# What the presses were chosen for; with counts=SOURCE, the run chooses again after each count.
 {design}
 
 # Shape, then x (mm) and {target} of its presses, in order.
@@ -34,20 +35,27 @@ class Parameters(ProtocolParameters):
 
     hold_s: float = Field({hold_s:g}, ge=0, le=60, description="hold of each press, in s: the window of the counts")
     rest_s: float = Field({rest_s:g}, ge=0, le=3600, description="rest after each press, in s: the washout")
+    counts: CountsSource = Field("", description="COUNTS.csv, lsl:STREAM, virtual:SA1: counts that choose presses")
+    count_within_s: float = Field(30, gt=0, le=3600, description="longest wait for a count, in s; then BLOCKS follow")
 
 
 def run(rig: Rig) -> None:
-    """Mount each shape once, zero, and make its presses with a rest after each."""
+    """Mount the shape of each press, zero, and press with a rest after it."""
     p = rig.parameters
-    for number, (shape, presses) in enumerate(BLOCKS, 1):
-        rig.mount(shape)
-        if number == 1:
-            rig.home()
-        rig.checkpoint(f"block {{number}} of {{len(BLOCKS)}}: {{shape}}")
-        rig.zero()
-        for x_mm, {kind} in presses:
-            rig.move_to(x_mm=x_mm)
-            rig.indent({kind}={kind}, hold_s=p.hold_s)
+    with Chooser(
+        rig, DESIGN, BLOCKS, hold_s=p.hold_s, rest_s=p.rest_s, counts=p.counts, within_s=p.count_within_s
+    ) as chooser:
+        mounted, mounts = "", 0
+        while press := chooser.next():
+            if press.shape != mounted:
+                mounted, mounts = press.shape, mounts + 1
+                rig.mount(mounted)
+                if mounts == 1:
+                    rig.home()
+                rig.checkpoint(f"indentor {{mounts}}: {{mounted}}")
+                rig.zero()
+            rig.move_to(x_mm=press.x_mm)
+            rig.indent({kind}=press.target, hold_s=p.hold_s)
             rig.rest(p.rest_s)
 '''
 

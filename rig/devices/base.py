@@ -572,6 +572,38 @@ class ForceTimeout(ForceError):  # noqa: N818
     default_code = "no_reply"
 
 
+SHOWN_BYTES = 40
+"""Most bytes that an error shows."""
+
+
+def no_line(port: str, unended: bytes, silence: str, code: str) -> ForceTimeout:
+    """Return the error of a line that did not arrive.
+
+    Parameters
+    ----------
+    port : str
+        Name of the port.
+    unended : bytes
+        What arrived without an end of line.
+    silence : str
+        Sentence for a device that sent nothing, without its port.
+    code : str
+        Code of a device that sent nothing.
+
+    Returns
+    -------
+    ForceTimeout
+        The error, with the code ``no_line_end`` if bytes arrived.
+    """
+    if not unended:
+        return ForceTimeout(f"{port}: {silence}", code)
+    return ForceTimeout(
+        f"{port}: {len(unended)} bytes arrived without an end of line (LF), {unended[-SHOWN_BYTES:]!r}; set the "
+        "device to end each line with CR LF, and check force.baud and force.character",
+        "no_line_end",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class ForceReading:
     """One reading of a force sensor.

@@ -44,6 +44,7 @@ from rig.devices.grbl_link import (
     expected_s_of,
     expected_settings,
     feed_word,
+    homes_to_origin,
     keys_of,
     machine_from,
     misplaced,
@@ -51,6 +52,8 @@ from rig.devices.grbl_link import (
     on_a_step,
     overrun,
     parse_setting,
+    refuse_firmware,
+    refuse_missing,
     refuse_move,
     states,
     unsuited,
@@ -115,6 +118,7 @@ class GrblStage(Stage):
         self._last: Xyz | None = None
         self._jogged: Jogged | None = None  # while jogging
         self._at_rest = False  # by the last status, if no jog was sent since
+        self._to_origin = False  # whether a homed board counts from where homing ends
         self._unlimited = False  # whether allow_unhomed_jogs() switched the soft limits off
 
     @property
@@ -132,8 +136,12 @@ class GrblStage(Stage):
         except (StageTimeout, StageRejected, StageAlarm, StageReset):
             self._link.reset()
             printed = self._link.command("$I")
+        refuse_firmware(self._transport.name, printed)
         self._link.full_speed()
         board = self._agreed_settings()
+        limited = {} if self._bounds is None else enforced_settings(board, self._bounds)
+        refuse_missing(self._transport.name, board, {**self._expected, **limited})
+        self._to_origin = homes_to_origin(printed)
         wrong = differences(board, self._expected) + unsuited(printed, board)
         if wrong:
             raise StageError(
@@ -141,8 +149,8 @@ class GrblStage(Stage):
                 f"{keys_of(board, self._expected)}; send it {', '.join(map(str, wrong))}",
                 "not_as_configured",
             )
-        if self._bounds is not None:
-            self._enforce({**board, **enforced_settings(board, self._bounds)})
+        if limited:
+            self._enforce({**board, **limited})
             self._unlimited = False
         return _identity(printed)
 
@@ -203,7 +211,8 @@ class GrblStage(Stage):
             yield None
             self._link.send_now(b"?")
         now = self.status()
-        missed = misplaced(self._settings, at_home(self._settings), (now.x_mm, now.y_mm, now.z_mm))
+        home = at_home(self._settings, to_origin=self._to_origin)
+        missed = misplaced(self._settings, home, (now.x_mm, now.y_mm, now.z_mm))
         if "Home" not in states(printed) or missed:
             self._refuse_not_homed(missed)
         self._link.trusted = self._link.times_stopped == times
@@ -561,9 +570,12 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
             return None
     if state.partition(":")[0] not in ("Idle", "Alarm"):  # a board in motion or on hold reads no lines
         return f"GRBL board in state {state}"
-    with suppress(StageError):
-        return _identity(link.hello())
-    return "GRBL board"
+    try:
+        printed = link.hello()
+    except StageError:
+        return "GRBL board"
+    refuse_firmware(link.name, printed)
+    return _identity(printed)
 
 
 DEVICE = StageKind(

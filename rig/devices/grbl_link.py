@@ -48,11 +48,18 @@ ERRORS = {
     9: "locked: home or unlock first",
     10: "soft limits need homing ($22)",
     11: "line too long",
+    13: "the safety door is open",
     15: "the jog target lies outside the travel",
     16: "not allowed in a jog",
+    18: "the reset input is active (grblHAL)",
     20: "unsupported command",
     22: "no feed rate",
+    45: "a limit switch is pressed (grblHAL)",
+    46: "home first (grblHAL)",
+    50: "the emergency stop is pressed (grblHAL)",
+    51: "a motor driver reports a fault (grblHAL)",
     53: "unknown setting (grblHAL)",
+    79: "not while an alarm is active (grblHAL)",
 }
 _BANNER = re.compile(r"Grbl(HAL)? \d\S* \[")
 Xyz = tuple[float, float, float]
@@ -76,6 +83,38 @@ class StatusFields:
     pins: str = ""  # letters of the active inputs
 
 
+def old_firmware(port: str, shown: str) -> StageError:
+    """Return the error of a board with a firmware before GRBL 1.1."""
+    return StageError(
+        f"{port}: the firmware of the board is older than GRBL 1.1 ({shown}); install GRBL 1.1 or grblHAL on it, and "
+        "compare its wiring, since pins differ",
+        "old_firmware",
+    )
+
+
+def refuse_firmware(port: str, printed: Iterable[str]) -> None:
+    """Raise StageError if the reply to `$I` is that of GRBL 0.9 or of FluidNC."""
+    for line in printed:
+        if re.match(r"\[0\.\d", line):
+            raise old_firmware(port, line)
+        if "FluidNC" in line:
+            raise StageError(
+                f"{port}: the firmware of the board is FluidNC ({line}), which keeps its settings in its own file; "
+                "install GRBL 1.1 or grblHAL on it",
+                "other_firmware",
+            )
+
+
+def homes_to_origin(printed: Iterable[str]) -> bool:
+    """Return whether the reply to `$I` has the option Z: a homed board counts from where homing ends."""
+    return any(line.startswith("[OPT:") and "Z" in line for line in printed)
+
+
+def _is_old_status(line: str) -> bool:
+    """Return whether this is a status of GRBL 0.9 or older, whose fields are separated by commas."""
+    return re.match(r"<[A-Z][a-z]+,[^|]*>\Z", line) is not None
+
+
 def is_banner(line: str) -> bool:
     """Return whether a line contains a banner, even after the rest of another line."""
     return "Grbl" in line and _BANNER.search(line) is not None
@@ -83,8 +122,8 @@ def is_banner(line: str) -> bool:
 
 @lru_cache(maxsize=4)  # each status is looked at by several checks
 def parse_status(line: str) -> StatusFields | None:
-    """Parse the fields of a status line; None if it is garbled."""
-    if line[:1] != "<" or line[-1:] != ">" or "<" in line[1:]:
+    """Parse the fields of a status line; None if it is garbled, or of GRBL 0.9."""
+    if line[:1] != "<" or line[-1:] != ">" or "<" in line[1:] or _is_old_status(line):
         return None
     state, *parts = line[1:-1].split("|")
     fields = dict(part.partition(":")[::2] for part in parts)
@@ -307,6 +346,7 @@ class GrblLink:
 
     def ask_status(self) -> StatusFields:
         """Send `?` and return the status; repeat if it is garbled. Raises StageError."""
+        old = ""
         for _ in range(ASK_TIMES):
             self.hear_pending()
             self._transport.write(b"?")
@@ -318,8 +358,11 @@ class GrblLink:
                     self.pins = fields.pins
                     return fields
                 if reply.startswith("<"):
+                    old = reply if _is_old_status(reply) else ""
                     break
         self.trusted = False
+        if old:
+            raise old_firmware(self.name, old)
         raise StageTimeout(
             f"{self.name}: no answer to a status request (?); check that it is a GRBL board, and stage.baud",
             "no_status",
@@ -361,6 +404,8 @@ class GrblLink:
         deadline_s = self._clock.monotonic_s() + BANNER_S
         seen = False
         while (line := self._reader.read_line(deadline_s)) is not None:
+            if is_banner(line) and "Grbl 0." in line:
+                raise old_firmware(self.name, line)
             seen = seen or is_banner(line)
             if seen:
                 deadline_s = self._clock.monotonic_s() + QUIET_S
@@ -457,10 +502,23 @@ def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> li
     ]
 
 
+def refuse_missing(port: str, board: Mapping[int, float], required: Mapping[int, float]) -> None:
+    """Raise StageError if the board does not have a setting that must not be 0."""
+    missing = [f"${number}" for number, value in sorted(required.items()) if value and number not in board]
+    if missing:
+        raise StageError(
+            f"{port}: the board does not have the settings {', '.join(missing)}, which GRBL 1.1 and grblHAL have; "
+            "install one of these on it",
+            "settings_missing",
+        )
+
+
 def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Difference]:
-    """Return the settings that prevent moves from being confirmed; GRBL 1.1 needs none of them."""
+    """Return the settings that prevent moves from being confirmed, or positions from being negative."""
     found, homes_down = list[Difference](), int(board.get(HOMING_DIRECTION, 0.0))
-    if homes_down & 4:
+    if homes_to_origin(printed) and homes_down & 7:
+        found.append(Difference(HOMING_DIRECTION, homes_down & ~7, homes_down, ", with which positions are positive"))
+    elif homes_down & 4:
         up = homes_down & ~4
         found.append(Difference(HOMING_DIRECTION, up, homes_down, ", with which Z homes downwards"))
     if "[FIRMWARE:grblHAL]" not in printed:
@@ -525,8 +583,10 @@ def on_a_step(board: Mapping[int, float], axis: int, mm: float) -> float:
     return lowest_mm + _INSIDE_MM if lowest_mm - _ROUND_OFF_MM <= mm < lowest_mm + _INSIDE_MM else mm
 
 
-def at_home(board: Mapping[int, float]) -> dict[str, float]:
+def at_home(board: Mapping[int, float], *, to_origin: bool) -> dict[str, float]:
     """Return where homing ends (mm) by axis; empty if the board does not report its pull-off."""
+    if to_origin:
+        return dict.fromkeys("XYZ", 0.0)
     if PULL_OFF not in board:
         return {}
     negative, off_mm = int(board.get(HOMING_DIRECTION, 0.0)), board[PULL_OFF]

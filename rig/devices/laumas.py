@@ -157,7 +157,7 @@ class LaumasForce:
         except ModbusTimeout as error:
             raise ForceTimeout(str(error), silent) from error
         except ModbusError as error:
-            code = "refused" if isinstance(error, ModbusRefused) else "garbled"
+            code = error.code if isinstance(error, ModbusRefused) else "garbled"
             raise ForceError(str(error), code) from error
 
     @property

@@ -15,6 +15,7 @@ from rig.devices.base import (
     ForceSensor,
     ForceTimeout,
     ForceUnderload,
+    no_line,
 )
 from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings
@@ -22,9 +23,12 @@ from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 
 REPLY_S = 0.5
+# A busy balance is asked again at this interval, longer than a reply takes, until REPLY_S after the first request.
+ASK_AGAIN_S = 0.05
 # Zero and tare wait in the balance for a stable load.
 SETTLE_S = 10.0
 
+_NUMBERED = "I4 A"
 _VALUE = re.compile(r"[+-]?\d+(\.\d*)?")
 _SYNTAX = {
     "ES": ("unknown_command", "does not know the command"),
@@ -83,9 +87,17 @@ class MtSicsForce:
         self._transport.close()
 
     def _weight(self, command: str, timeout_s: float) -> ForceReading:
-        words = self._ask(command, timeout_s)
-        force_n = self._newton(words)
-        return ForceReading(force_n, words[1] == "S", self._clock.monotonic_s())
+        """Ask for a weight, and again while the balance is busy. Raises ForceError."""
+        until_s = self._clock.monotonic_s() + timeout_s
+        while True:
+            try:
+                words = self._ask(command, until_s - self._clock.monotonic_s())
+                return ForceReading(self._newton(words), words[1] == "S", self._clock.monotonic_s())
+            except ForceBusy:
+                # The last request needs time for its reply: a late one would put the balance out of step.
+                if self._clock.monotonic_s() + 2 * ASK_AGAIN_S > until_s:
+                    raise
+                self._clock.wait_s(ASK_AGAIN_S)
 
     def _newton(self, words: list[str]) -> float:
         if len(words) != 4 or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):
@@ -105,9 +117,10 @@ class MtSicsForce:
         if line is None:
             # A late reply must not count as the reply to the next command.
             self._in_step = False
-            raise ForceTimeout(
-                f"{self._transport.name}: the balance did not answer {command} within {timeout_s:g} s; check the "
-                "power and the cable",
+            raise no_line(
+                self._transport.name,
+                self._reader.unended,
+                f"the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",
                 "no_reply",
             )
         words = line.split()
@@ -137,11 +150,14 @@ class MtSicsForce:
             self._send(command)
             deadline_s = self._clock.monotonic_s() + REPLY_S
             while (line := self._reader.read_line(deadline_s)) is not None:
-                if line.startswith("I4 A"):
+                if line.startswith(_NUMBERED):
                     self._in_step = True
-                    return line[4:].strip(' "')
-        raise ForceTimeout(
-            f"{self._transport.name}: no balance answers; check the power, the cable and force.baud", "no_device"
+                    return line.removeprefix(_NUMBERED).strip(' "')
+        raise no_line(
+            self._transport.name,
+            self._reader.unended,
+            "no balance answers; check the power, the cable and force.baud",
+            "no_device",
         )
 
     def _send(self, command: str) -> None:
@@ -171,6 +187,8 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     try:
         identity = f"MT-SICS balance {balance._hello('I4', 'I4')}"
     except ForceTimeout:
+        if _NUMBERED.encode() in balance._reader.unended:
+            raise
         return None
     try:
         balance.read()

@@ -5,7 +5,6 @@ A board sends what its program prints, so the format of a line is configured.
 """
 
 import re
-from contextlib import suppress
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -21,6 +20,7 @@ from rig.devices.base import (
     ForceSensor,
     ForceTimeout,
     ForceUnderload,
+    no_line,
 )
 from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.errors import RuleError
@@ -45,8 +45,9 @@ _SIDE_BY_SIDE = {
 """Fields without text between them: a value is a whole word."""
 _FIELD = re.compile(r"\{(\w*)\}")
 _DASH = r"[-\u2010-\u2015\u2212\ufe63\uff0d]|(?<!\w)\ufffd+"
-_LONE_MINUS = re.compile(rf"({_DASH})(?![\w.>\ufffd])|\b(minus|neg|negative)\b", re.IGNORECASE)
-"""A minus that belongs to no number behind it. `->` is an arrow; a character that is not ASCII arrives as U+FFFD."""
+_LONE_MINUS = re.compile(rf"({_DASH})(?![\w.>\ufffd])|(?<!\w)-(?!\d|\.\d|>)|\b(minus|neg|negative)\b", re.IGNORECASE)
+"""A minus that belongs to no number behind it, also at the beginning of a word: `-N 12.5`. `->` is an arrow; a
+character that is not ASCII arrives as U+FFFD."""
 _WORD = re.compile(r"(?:[^\W\d_]|\ufffd)+")
 _BEHIND = re.compile(r"[^\s\d,;:|=<>(){}\[\]\"']+")
 _NO_WORD = ".!?*+-_/\\#\u00b7"
@@ -234,16 +235,18 @@ class TextCellForce:
         """Wait for a reading and return the configuration, since such a board has no identity. Raises ForceError."""
         settings = self._settings
         deadline_s = self._clock.monotonic_s() + settings.start_s
-        last = ""
+        last, heard = "", None
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
-            with suppress(ForceTimeout):
+            try:
                 last = self._line(min(self._silence_s, left_s))
+            except ForceTimeout as error:
+                heard = error if error.code == "no_line_end" else heard
             value = self._value(last)
             if value is not None and (_NUMBER.fullmatch(value) or _NO_NUMBER.fullmatch(value)):
                 return f"text cell, {settings.line} in {settings.unit}"
         if last:
             raise self._garbled(last)
-        raise ForceTimeout(
+        raise heard or ForceTimeout(
             f"{self._transport.name}: no line within {settings.start_s:g} s; check the power, the cable, "
             "force.baud and force.text_cell.poll",
             "no_device",
@@ -335,7 +338,8 @@ class TextCellForce:
         """Return why the sign, the scale or the unit of a number may not be what it seems."""
         line, value, unit = found.string, found["value"], self._settings.unit
         before, after = line[: found.start("value")], line[found.end("value") :]
-        if not value.startswith(("-", "+")) and (_LONE_MINUS.search(before) or _LONE_MINUS.search(after)):
+        signed = value.startswith(("-", "+"))
+        if value in ("-", "+-") or (not signed and (_LONE_MINUS.search(before) or _LONE_MINUS.search(after))):
             return _MINUS
         template = self._settings.line
         in_front = re.search(r"\d,\Z", before) and ",{value}" not in template
@@ -359,7 +363,7 @@ class TextCellForce:
             self._ask(in_step=in_step)
         else:
             self._drop_arrived()
-        began_s = self._clock.monotonic_s()
+        began_s, begun = self._clock.monotonic_s(), self._reader.unended
         deadline_s = began_s + within_s
         # The first line may lack its beginning: the port was opened within it, or the system's buffer was full.
         if not polled and (not in_step or began_s - self._heard_s > self._silence_s):
@@ -368,7 +372,7 @@ class TextCellForce:
             if not line.startswith(self._settings.ignore):
                 self._in_step, self._heard_s = True, self._clock.monotonic_s()
                 return line
-        raise self._timeout(within_s)
+        raise self._timeout(within_s, begun)
 
     def _ask(self, *, in_step: bool) -> None:
         """Request a reading when no earlier reply can be on its way."""
@@ -387,10 +391,11 @@ class TextCellForce:
         for _ in self._reader.pending():
             pass
 
-    def _timeout(self, timeout_s: float) -> ForceTimeout:
-        return ForceTimeout(
-            f"{self._transport.name}: no line within {timeout_s:g} s; check the power and the cable", "no_reply"
-        )
+    def _timeout(self, timeout_s: float, begun: bytes = b"") -> ForceTimeout:
+        """Return the error of a wait for a line, whose beginning may have arrived before."""
+        silence = f"no line within {timeout_s:g} s; check the power and the cable"
+        heard = b"" if self._reader.unended == begun else self._reader.unended
+        return no_line(self._transport.name, heard, silence, "no_reply")
 
     def _garbled(self, line: str) -> ForceError:
         found = self._match(line)

@@ -1,4 +1,4 @@
-"""Devices and operator that an engine works with, and the heartbeat that monitors the engine."""
+"""Devices and operator that an engine works with, and the thread that checks its heartbeat."""
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -10,37 +10,10 @@ from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
+from rig.engine.limits import Heartbeat
 from rig.engine.sensing import ForceZero
 
 LOOK_S = 0.02
-
-
-class Heartbeat:
-    """Deadline that stops the stage if the engine stops responding.
-
-    The deadline is only set while the indentor may touch the finger; `look` checks it from another thread or timer.
-    """
-
-    def __init__(self, clock: Clock, stop: Callable[[], None]) -> None:
-        self._clock, self._stop = clock, stop
-        self._due_s: float | None = None
-        self.lost = False
-
-    def beat(self, within_s: float) -> None:
-        """Set the deadline to within_s seconds from now."""
-        self._due_s = self._clock.monotonic_s() + within_s
-
-    def rest(self) -> None:
-        """Clear the deadline: the indentor is clear of the finger."""
-        self._due_s = None
-
-    def look(self) -> None:
-        """Stop the stage, once, if the deadline has passed."""
-        due_s = self._due_s
-        if due_s is None or self.lost or self._clock.monotonic_s() <= due_s:
-            return
-        self.lost = True
-        self._stop()
 
 
 @contextmanager

@@ -23,12 +23,11 @@ from rig.data.folder import put_in_place
 from rig.devices.base import Stage, StageStatus
 from rig.devices.registry import stage_ports
 from rig.engine.contact import KnownContact
+from rig.engine.motion import is_where_left
 from rig.engine.sensing import ForceZero
 from rig.errors import LimitError, RecordError
 from rig.settings import BenchSettings
 from rig_shared.user_files import read_text
-
-_SAME_PLACE_MM = 0.003  # A board prints 0.001 mm and rests on a step.
 
 
 class LastKnown(BaseModel):
@@ -59,10 +58,7 @@ class LastKnown(BaseModel):
 
     def is_where_left(self, at: StageStatus) -> bool:
         """Return whether a stage is still where it was left, homed."""
-        if self.left_at_mm is None or at.state != "Idle" or not at.referenced:
-            return False
-        now = (at.x_mm, at.y_mm, at.z_mm)
-        return all(abs(a - b) <= _SAME_PLACE_MM for a, b in zip(now, self.left_at_mm, strict=True))
+        return is_where_left(at, self.left_at_mm)
 
 
 _NO_ZERO: Mapping[str, object] = {

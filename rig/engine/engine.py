@@ -5,20 +5,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
-from functools import partial
 from types import MappingProxyType
 from typing import NoReturn, Protocol, TypeVar
 
 from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
-from rig.engine.bench import Bench, EngineMemory, Heartbeat, NoMemory
-from rig.engine.contact import ContactRecord, KnownContact, judged
-from rig.engine.jog import lift_from_rest
+from rig.engine.bench import Bench, EngineMemory, NoMemory
+from rig.engine.contact import ContactRecord, KnownContact, contact_kind
 from rig.engine.limits import (
     AT_MM,
     ContactTime,
     FingerStiffness,
+    Heartbeat,
     Touched,
     Trips,
     longer_than_an_increment,
@@ -26,7 +25,7 @@ from rig.engine.limits import (
     refuse_height,
     trip_height_mm,
 )
-from rig.engine.motion import Check, EndedMotionError, InterruptedMotionError, Motion, Outcome, insist
+from rig.engine.motion import Check, EndedMotionError, InterruptedMotionError, Motion, Outcome, insist, lift_from_rest
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.engine.watch import OnReading, Watch, WatchedMotion
 from rig.errors import NotReadyError, RecordError, TripError
@@ -39,7 +38,7 @@ from rig_shared.errors import code_of
 _T = TypeVar("_T")
 
 _SUSPENDED_S = 0.5  # The two clocks of a computer that was not suspended differ by less.
-_LATE_FACTOR = 2.0  # A move may take this multiple of its nominal duration before the heartbeat is lost.
+LATE_FACTOR = 2.0  # A motion may take this multiple of its nominal duration before the heartbeat is lost.
 
 
 class StopInputs(Protocol):
@@ -61,7 +60,7 @@ class State(Enum):
     UNHOMED = "unhomed"
     READY = "ready"
     IN_CONTACT = "in contact"  # anywhere below clearance
-    TRIPPED = "tripped"
+    TRIPPED = "tripped"  # for good: another engine begins with the next command, or when manual control homes
 
 
 class Engine:
@@ -69,7 +68,7 @@ class Engine:
 
     Parts: motion (position), sensing (force), trips (force limits), contact (what is known of it), contact_time and
     heartbeat. The checks of a motion are in rig/engine/watch.py, the verbs of a script in rig/engine/verbs.py, the
-    parts of an indentation in rig/engine/indentation.py and rig/engine/press.py.
+    indentations in rig/engine/indentation.py.
     """
 
     def __init__(
@@ -94,7 +93,6 @@ class Engine:
         self.stiffness = stiffness or FingerStiffness.unknown()
         self.stop_inputs = stop_inputs
         self._journal, self.memory = journal, memory or NoMemory()
-        # of the run
         self.state = State.UNHOMED
         self.problem: Exception | None = None  # The first trip or failure: the run cannot end normally after it.
         self.indentor: str | None = None
@@ -149,30 +147,27 @@ class Engine:
         speed_mm_s: float,
         *,
         touch_ends_it: bool = False,
-        ramp: OnReading | None = None,
+        on_reading: OnReading | None = None,
     ) -> Outcome:
         """Move vertically.
 
-        Below clearance a move down is at most one increment, or ends just above an earlier contact, or is a ramp
-        (rig/engine/press.py), whose readings this function receives as they arrive.
+        Below clearance a move down is at most one increment, or ends just above an earlier contact, or is a ramp,
+        whose readings `on_reading` receives as they arrive.
         """
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
-        free_mm = height_mm if ramp else self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
+        free_mm = height_mm if on_reading else self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
             self._below_clearance()
-        if ramp:
+        if on_reading:
             self.beat()  # A ramp is polled from its start, so that it is late as soon as a hold is.
             look_s = min(self.sensing.sensor.sample_period_s, LOOK_S)
-            return self.run_watched(
-                lambda check: self.motion.to_height(height_mm, speed_mm_s, check, look_s), Watch(on_reading=ramp)
-            )
-        self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
+            watch = Watch(on_reading=on_reading)
+            return self.run_watched(lambda check: self.motion.to_height(height_mm, speed_mm_s, check, look_s), watch)
+        self.beat(LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
-        return self.run_watched(
-            lambda check: self.motion.to_height(height_mm, speed_mm_s, check),
-            Watch(away=height_mm > from_mm, touch_ends_it=long or touch_ends_it),
-        )
+        watch = Watch(away=height_mm > from_mm, touch_ends_it=long or touch_ends_it)
+        return self.run_watched(lambda check: self.motion.to_height(height_mm, speed_mm_s, check), watch)
 
     def run_watched(self, motion: Callable[[Check], None], watch: Watch) -> Outcome:
         """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
@@ -197,15 +192,22 @@ class Engine:
                 raise  # The lift after a trip continues.
             if isinstance(interruption.__cause__, RecordError):
                 self._lift_unrecorded(interruption.__cause__)
-            reason, force_gwt = TripError(str(interruption), interruption.code), interruption.force_gwt
-            if force_gwt is None:
-                self.trip(reason)
-            self._trip_with(partial(self._record_sample, NO_PRESS, "moving", force_gwt), reason, force_gwt)
+            force_gwt = interruption.force_gwt
+            sample = None if force_gwt is None else self._sample("moving", force_gwt)
+            self.trip(TripError(str(interruption), interruption.code), force_gwt, sample)
         return Outcome.ARRIVED
 
     def stop_asked(self, *, at_rest: bool) -> TripError | None:
         """Return the trip of a stop input, or of a computer that was suspended in contact, or None."""
-        return self._suspended() or self.stop_inputs(self, at_rest=at_rest)
+        before_s, self._suspended_s = self._suspended_s, self.clock.suspended_s()
+        for_s = self._suspended_s - before_s
+        if for_s > _SUSPENDED_S and self.contact.may_touch:
+            return TripError(
+                f"the computer was suspended for {for_s:.1f} s while the indentor may have touched the finger; "
+                "switch its sleep off",
+                "suspended",
+            )
+        return self.stop_inputs(self, at_rest=at_rest)
 
     def note_force(self, force_gwt: float | None) -> None:
         """Note a force read in a motion (gwt); above clearance it renews or ends a measured lift."""
@@ -253,7 +255,8 @@ class Engine:
 
     def record_contact(self, force_gwt: float | None) -> KnownContact:
         """Record and return the state of contact from the position and this force at rest; None: no force."""
-        kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
+        clear = self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
+        kind = contact_kind(clear=clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._here(kind, force_gwt)
         self.contact = self.contact.after_measuring(found, self._now_s)
         self.memory.touched(found)
@@ -294,11 +297,6 @@ class Engine:
         self.heartbeat.rest()
         self.contact_time.end()
 
-    @property
-    def _is_clear(self) -> bool:
-        """Whether a trusted position is at clearance or higher."""
-        return self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
-
     def _here(self, kind: ContactKind, force_gwt: float | None) -> KnownContact:
         x_mm, height_mm = (round(mm, 6) if math.isfinite(mm) else None for mm in (self.x_mm, self.height_mm))
         return KnownContact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
@@ -325,50 +323,45 @@ class Engine:
 
     # --- force ---
 
-    @property
-    def trip_gwt(self) -> float:
-        """Force that trips a press (gwt)."""
-        return self.trips.lowest_gwt
-
     def read_force_gwt(self, press: PressId, phase: Phase, contact_height_mm: float | None = None) -> float:
         """Read and journal a force taken after the last move ended (gwt); trip without one or beyond a limit.
 
-        Raises LimitError if the contact time exceeds limits.max_contact_s.
+        Raises ContactTimeError if the contact time exceeds limits.max_contact_s.
         """
         reading = self.reading()
         # Rounding makes a reading at exactly the threshold independent of its unit conversion.
-        force = round(reading.force_n / GWT_N, 6)
-        self.contact = replace(self.contact, force_gwt=force if self.sensing.zeroed else None)
-        doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
-        if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
+        force_gwt = round(reading.force_n / GWT_N, 6)
+        self.contact = replace(self.contact, force_gwt=force_gwt if self.sensing.zeroed else None)
+        doi_mm = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force_gwt)
+        if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
             self.contact_time.begin()
-        sample = partial(self._record_sample, press, phase, force, doi, stable=reading.stable, also=reading.also)
-        if passed := self.trips.passed(force):
-            self._trip_with(sample, passed, force)
-        sample()
+        sample = self._sample(phase, force_gwt, doi_mm, press, stable=reading.stable, also=reading.also)
+        if passed := self.trips.passed(force_gwt):
+            self.trip(passed, force_gwt, sample, press)
+        self.record(sample, press)
         self.contact_time.refuse_more()
-        return force
+        return force_gwt
 
     def record_in_motion(self, press: PressId, phase: Phase, reading: ForceReading, doi_mm: float) -> None:
         """Journal a reading of a motion. If that fails, raises InterruptedMotionError, so that the motion ends."""
         force_gwt = round(reading.force_n / GWT_N, 6)
         try:
-            self._record_sample(press, phase, force_gwt, doi_mm, also=reading.also, record=self._journalled)
+            self._journalled(self._sample(phase, force_gwt, doi_mm, press, also=reading.also), press)
         except RecordError as error:
             raise InterruptedMotionError(str(error), error.code) from error
 
-    def _record_sample(
+    def _sample(
         self,
-        press: PressId,
         phase: Phase,
         force_gwt: float,
         doi_mm: float | None = None,
+        press: PressId = NO_PRESS,
         *,
         stable: bool = False,
         also: Mapping[str, float] = MappingProxyType({}),
-        record: Callable[[Event, PressId], None] | None = None,
-    ) -> None:
-        reading = SampleEvent(
+    ) -> SampleEvent:
+        """Return a reading for the journal, at the present position and contact time."""
+        return SampleEvent(
             index=press.index,
             phase=phase,
             x_mm=None if math.isnan(self.x_mm) else self.x_mm,
@@ -379,47 +372,38 @@ class Engine:
             contact_s=self.contact_time.rounded_s,
             of_the_sensor=also,
         )
-        (record or self.record)(reading, press)
-
-    def reading(self) -> ForceReading:
-        """Return a new reading from zero, taken at rest; trip without one or beyond the hard trip."""
-        return self._read_at_rest(self.sensing.settled)
 
     def watch_at_clearance(self, *, recorded: bool) -> None:
         """Read the force in a wait at clearance; a finger that comes up trips as in a hold, and its time counts.
 
-        Raises TripError, and LimitError after a lift if the contact time exceeds limits.max_contact_s.
+        Raises TripError, and ContactTimeError after a lift if the contact time exceeds limits.max_contact_s.
         """
         reading = self.reading()
         if not self.sensing.absolute:
             return
         force_gwt = round(reading.force_n / GWT_N, 6)
-        touches = abs(force_gwt) >= self.sensing.touch_gwt
-        if touches:
+        if abs(force_gwt) >= self.sensing.touch_gwt:
             self.contact_time.begin()
         else:
             self.contact_time.end()
-        sample = partial(self._record_sample, NO_PRESS, "rest", force_gwt, stable=reading.stable, also=reading.also)
+        sample = self._sample("rest", force_gwt, stable=reading.stable, also=reading.also)
         if passed := self.trips.passed(force_gwt):
             words = f"{passed} in a wait at clearance: the finger has come up to the indentor"
-            self._trip_with(sample, TripError(words, f"{passed.code}_at_rest"), force_gwt)
+            self.trip(TripError(words, f"{passed.code}_at_rest"), force_gwt, sample)
         if recorded:
-            sample()
+            self.record(sample)
         if self.contact_time.over:
             self.lift(park_height_mm(self.settings, self.height_mm))
             self.measure_contact()
             self.contact_time.refuse_more()
 
-    def raw_reading(self) -> ForceReading:
-        """Return the same reading, not counted from a zero."""
-        return self._read_at_rest(self.sensing.raw)
-
-    def _read_at_rest(self, read: Callable[[], ForceReading]) -> ForceReading:
+    def reading(self, *, from_zero: bool = True) -> ForceReading:
+        """Return a new reading taken at rest; trip for a stop input, without a reading, or beyond the hard trip."""
         self.beat(self.sensing.wait_s)
         if problem := self.stop_asked(at_rest=True):
             self.trip(problem)
         try:
-            reading = read()
+            reading = self.sensing.settled() if from_zero else self.sensing.raw()
         except NoReadingError as error:
             self.trip(TripError(str(error), error.code))
         force_gwt = reading.force_n / GWT_N
@@ -429,18 +413,6 @@ class Engine:
             self.trip(problem)
         self._renew_lift(force_gwt)
         return reading
-
-    def _suspended(self) -> TripError | None:
-        """Return a trip if the computer was suspended since the last call while the indentor may touch the finger."""
-        before_s, self._suspended_s = self._suspended_s, self.clock.suspended_s()
-        for_s = self._suspended_s - before_s
-        if for_s <= _SUSPENDED_S or not self.contact.may_touch:
-            return None
-        return TripError(
-            f"the computer was suspended for {for_s:.1f} s while the indentor may have touched the finger; switch "
-            "its sleep off",
-            "suspended",
-        )
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
         """Return the depth past contact (mm), corrected for the compliance of the rig."""
@@ -454,20 +426,33 @@ class Engine:
         if self.settings.limits.on_alarm == "trip":
             self.trip(reason)
 
-    def trip(self, reason: TripError, force_gwt: float | None = None) -> NoReturn:
-        """Latch the trip, journal it, act by limits.on_trip, and raise the reason.
+    @property
+    def trip_lifts(self) -> bool:
+        """Whether a trip lifts: not where it is configured to stay, nor after a lost heartbeat stopped the stage."""
+        return self.settings.limits.on_trip != "stop" and not self.heartbeat.lost
+
+    def trip(
+        self,
+        reason: TripError,
+        force_gwt: float | None = None,
+        sample: SampleEvent | None = None,
+        press: PressId = NO_PRESS,
+    ) -> NoReturn:
+        """Latch the trip, journal it after its reading, act by limits.on_trip, and raise the reason.
 
         The stage is at rest and its position trusted, so it can lift. If it was stopped, or the lift fails, it
         stays. While a force remains after the lift, it goes on to the park height.
         """
+        # A journal that fails does not delay the lift; the caller reports the trip.
+        with contextlib.suppress(RecordError):
+            if sample is not None:
+                self._journalled(sample, press)
         self.state, self.problem = State.TRIPPED, reason
-        with contextlib.suppress(RecordError):  # The caller reports the trip.
+        with contextlib.suppress(RecordError):
             self._journalled(TripEvent(str(reason), force_gwt, self.contact_time.rounded_s))
         lifted = False
         try:
-            if self.settings.limits.on_trip == "stop":
-                self.stop()
-            elif not self.heartbeat.lost:
+            if self.trip_lifts:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
                 insist(lambda: self._leave(to_mm))
                 insist(self._leave_force)
@@ -476,8 +461,11 @@ class Engine:
                     self.measure_contact()
                 if self.contact.measured.kind == "disagreement":  # A finger came up after the lift.
                     insist(self._leave_force)
+            elif self.settings.limits.on_trip == "stop":
+                self.stop()
         except (InterruptedMotionError, StageError, TransportError) as error:
-            reason = _not_left(reason, error)
+            reason = TripError(f"{reason}; and the lift failed: {error}", reason.code)
+            reason.lift_code = code_of(error)
         with contextlib.suppress(RecordError):
             if not (lifted and self.contact.at_rest):
                 self.measure_contact()
@@ -492,12 +480,6 @@ class Engine:
         known = self.known_contact
         height_mm = round(self.height_mm, 6) if math.isfinite(self.height_mm) else None
         return RetractEvent(height_mm, self.contact_time.rounded_s, known.kind, known.force_gwt)
-
-    def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:
-        """Trip with the reading that is the reason; a journal that fails does not delay the lift."""
-        with contextlib.suppress(RecordError):  # The caller reports the trip.
-            sample(record=self._journalled)
-        self.trip(reason, force_gwt)
 
     def _leave_force(self) -> None:
         """Go on up to the park height after a lift while the force does not vanish."""
@@ -538,7 +520,10 @@ class Engine:
         self.heartbeat.rest()
 
     def stop(self) -> None:
-        """Stop past every queue. The position is no longer trusted; a trip stays latched."""
+        """Stop past every queue, without a lift: for STOP, a second Ctrl-C and the participant's button.
+
+        The position is no longer trusted; a trip stays latched.
+        """
         self.motion.forget_depth()
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED
@@ -593,10 +578,3 @@ class Engine:
             self.problem = self.problem or error
             self.stop()
             raise
-
-
-def _not_left(reason: TripError, error: Exception) -> TripError:
-    """Return a trip whose lift failed."""
-    failed = TripError(f"{reason}; and the lift failed: {error}", reason.code)
-    failed.lift_code = code_of(error)
-    return failed

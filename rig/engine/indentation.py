@@ -4,12 +4,14 @@ import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 from rig.data.events import FindEvent, IndentationEndEvent, IndentationStartEvent, TouchEvent
 from rig.devices.registry import ramps
+from rig.engine.contact_fit import fit_contact
+from rig.engine.contact_moves import pull_in_descent
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, fit_contact
+from rig.engine.limits import CONTACT_EXPONENT, RampBound
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused
 from rig.errors import LimitError, NotReadyError, TripError
@@ -32,18 +34,28 @@ class Approach:
 
         Trips if contact is missing or too high, or if the sensor reads a pull.
         """
-        habits, deepest_mm = self.engine.settings.habits, self.engine.settings.limits.max_doi_mm
-        self.engine.limit_depth(self.lowest_mm - deepest_mm)
+        engine, habits, deepest_mm = self.engine, self.engine.settings.habits, self.engine.settings.limits.max_doi_mm
+        engine.limit_depth(self.lowest_mm - deepest_mm)
         if not self._come_back():
             self._descend(habits.increment_mm, "approach", self.lowest_mm)
-        touch_mm = self.engine.height_mm
+        touch_mm = engine.height_mm
         self.back_off()
         lowest_mm = max(touch_mm - habits.increment_mm, self.lowest_mm)
         readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm)
-        touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
-        self._record(touch)
+        touch = fit_contact(readings, engine.sensing.touch_gwt, engine.sensing.least_gwt)
+        event = TouchEvent(
+            index=self.press.index,
+            threshold_gwt=touch.threshold_gwt,
+            height_at_threshold_mm=round(touch.height_at_threshold_mm, 6),
+            contact_height_mm=round(touch.contact_height_mm, 6),
+            fit_points=touch.fit_points,
+            doi_bias_mm=round(touch.doi_bias_mm, 6),
+            doi_mm=round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
+        )
+        pulse(engine, self.press, "touch")
+        engine.record(event, self.press)
         at_most_mm = touch.contact_height_mm - deepest_mm - habits.increment_mm
-        self.engine.limit_depth(max(at_most_mm, self.lowest_mm - deepest_mm))
+        engine.limit_depth(max(at_most_mm, self.lowest_mm - deepest_mm))
         return touch
 
     def _come_back(self) -> bool:
@@ -55,9 +67,8 @@ class Approach:
         free_mm = engine.touched.free_mm(engine.x_mm, engine.along_mm, habits.approach_speed_mm_s)
         increments = math.floor((engine.height_mm - max(free_mm, self.lowest_mm)) / habits.increment_mm + 1e-9)
         safe_point(engine)
-        touched = increments > 0 and self._touches(
-            engine.height_mm - increments * habits.increment_mm, "approach", []
-        )
+        down_mm = engine.height_mm - increments * habits.increment_mm
+        touched = increments > 0 and self._touches(down_mm, "approach", [])
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
         return touched
 
@@ -73,58 +84,42 @@ class Approach:
     def _descend(self, step_mm: float, phase: Phase, lowest_mm: float) -> list[tuple[float, float]]:
         """Descend to the touch threshold and return the (height, force) readings; trip if there is no touch.
 
-        One increment more is allowed above the lowest height of all if the last readings show a force: noise may have
-        triggered the first touch too early.
+        One increment more is allowed above the lowest height of all if the mean of the last readings exceeds their
+        noise: noise may have triggered the first touch too early. The coarse touch must reappear within one coarse
+        increment, or the sensor is dead.
         """
-        readings = list[tuple[float, float]]()
-        farther_mm = self.engine.settings.habits.increment_mm
+        engine, readings = self.engine, list[tuple[float, float]]()
+        farther_mm = engine.settings.habits.increment_mm
+        shown_gwt = 0.5 * engine.sensing.least_gwt / math.sqrt(_SHOWN_BY)
         while True:
-            safe_point(self.engine)
-            below = self.engine.height_mm - step_mm
-            if below < lowest_mm - 1e-9 and farther_mm and self._shows(readings):
-                lowest_mm, farther_mm = max(lowest_mm - farther_mm, self.lowest_mm), 0.0
+            safe_point(engine)
+            below = engine.height_mm - step_mm
+            if below < lowest_mm - 1e-9 and farther_mm:
+                last = [force for _, force in readings[-_SHOWN_BY:]]
+                if last and statistics.fmean(last) > shown_gwt:
+                    lowest_mm, farther_mm = max(lowest_mm - farther_mm, self.lowest_mm), 0.0
             if below < lowest_mm - 1e-9:
-                self._miss(lowest_mm)
+                touched_before = lowest_mm > self.lowest_mm
+                again = ", although the force showed a touch there just before" if touched_before else ""
+                missed = TripError(
+                    f"no contact at x = {engine.x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex{again}; "
+                    "check the force sensor, the position of the finger and frame.apex_z_mm",
+                    "no_contact",
+                )
+                engine.trip(missed)
             if self._touches(below, phase, readings):
                 return readings
 
     def _touches(self, height_mm: float, phase: Phase, readings: list[tuple[float, float]]) -> bool:
-        """Move down, add the reading, and return whether it is a touch; trip if the sensor reads a pull."""
+        """Move down, add the reading, and return whether it is a touch; trip for a pull, or a touch too high up."""
         engine = self.engine
         engine.go_to_height(height_mm, engine.settings.habits.approach_speed_mm_s)
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
-            engine.trip(
-                TripError(
-                    f"the sensor reads {force:.2f} gwt (a pull) during the descent; check its sign and mounting",
-                    "reads_backwards",
-                ),
-                force,
-            )
+            engine.trip(pull_in_descent(force), force)
         if force < engine.sensing.touch_gwt:
             return False
-        self._refuse_contact_too_high()
-        return True
-
-    def _shows(self, readings: list[tuple[float, float]]) -> bool:
-        """Return whether the mean of the last readings exceeds their noise: the sensor responds to the finger."""
-        last = [force for _, force in readings[-_SHOWN_BY:]]
-        return bool(last) and statistics.fmean(last) > 0.5 * self.engine.sensing.least_gwt / math.sqrt(_SHOWN_BY)
-
-    def _miss(self, lowest_mm: float) -> NoReturn:
-        """Trip: the coarse touch must reappear within one coarse increment, or the sensor is dead."""
-        felt_before = lowest_mm > self.lowest_mm
-        again = ", although the force showed a touch there just before" if felt_before else ""
-        missed = TripError(
-            f"no contact at x = {self.engine.x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex{again}; "
-            "check the force sensor, the position of the finger and frame.apex_z_mm",
-            "no_contact",
-        )
-        self.engine.trip(missed)
-
-    def _refuse_contact_too_high(self) -> None:
-        engine = self.engine
         if engine.height_mm > self.highest_mm:
             too_high = TripError(
                 f"contact at x = {engine.x_mm:g} mm is {engine.height_mm:.3f} mm above the nominal apex, expected "
@@ -132,20 +127,7 @@ class Approach:
                 "contact_too_high",
             )
             engine.trip(too_high)
-
-    def _record(self, touch: ContactFit) -> None:
-        engine = self.engine
-        event = TouchEvent(
-            index=self.press.index,
-            threshold_gwt=touch.threshold_gwt,
-            height_at_threshold_mm=round(touch.height_at_threshold_mm, 6),
-            contact_height_mm=round(touch.contact_height_mm, 6),
-            fit_points=touch.fit_points,
-            doi_bias_mm=round(touch.doi_bias_mm, 6),
-            doi_mm=round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
-        )
-        pulse(engine, self.press, "touch")
-        engine.record(event, self.press)
+        return True
 
 
 class PredictedPress(NamedTuple):
@@ -153,6 +135,21 @@ class PredictedPress(NamedTuple):
 
     predicted_doi_mm: float
     predicted_force_gwt: float
+
+
+@dataclass(frozen=True)
+class ScriptedPress:
+    """Press as the script asked for it and as it was predicted; speed in mm/s, hold_s of each hold."""
+
+    verb: str
+    target: Target
+    increments: int
+    speed_mm_s: float
+    hold_s: float
+    expected_contact_mm: float
+    contact_area_mm2: float
+    predicted: PredictedPress | None
+    id: PressId | None
 
 
 def indent(
@@ -174,14 +171,16 @@ def indent(
     target is not reached within limits.max_doi_mm or the contact time exceeds its limit. The pressure limit uses
     contact_area_mm2. An indentation that the operator paused is repeated under the same press_id.
     """
+    press_mm_s = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
+    asked = ScriptedPress(
+        "indent", target, increments, press_mm_s, hold_s, expected_contact_mm, contact_area_mm2, predicted, press_id
+    )
 
     def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
         parts = range(1, increments + 1)
         return tuple(press.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in parts)
 
-    press_mm_s = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
-    asked = ScriptedPress("indent", target, increments, press_mm_s, hold_s)
-    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
+    return _indentation(engine, asked, press_mm_s, holds)
 
 
 def ramp(
@@ -201,22 +200,24 @@ def ramp(
     with a press by increments to its depth. Raises LimitError, after a lift, if the overshoot of the ramp with this
     stiffness could pass the trip and the overshoot of a press. Otherwise as `indent`.
     """
-    if not ramps(engine.settings.stage):
+    settings = engine.settings
+    if not ramps(settings.stage):
         raise NotReadyError(
-            f"ramp: a {engine.settings.stage.kind} stage has no motion at constant speed under force monitoring",
-            "no_ramps",
+            f"ramp: a {settings.stage.kind} stage has no motion at constant speed under force monitoring", "no_ramps"
         )
-    target = Target("doi_mm", doi_mm)
+    asked = ScriptedPress(
+        "ramp", Target("doi_mm", doi_mm), 1, speed_mm_s, hold_s, expected_contact_mm, contact_area_mm2, predicted,
+        press_id,
+    )  # fmt: skip
 
     def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
-        if before is None or before[0] < doi_mm - engine.settings.stage.resolution_mm:
+        if before is None or before[0] < doi_mm - settings.stage.resolution_mm:
             before = press.reach_doi(doi_mm)
         bound = _bound(engine, doi_mm, speed_mm_s, before)
         approach.back_off()
         return (press.ramp_and_hold(doi_mm, bound, hold_s),)
 
-    asked, press_mm_s = ScriptedPress("ramp", target, 1, speed_mm_s, hold_s), engine.settings.habits.press_speed_mm_s
-    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
+    return _indentation(engine, asked, settings.habits.press_speed_mm_s, holds)
 
 
 def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[float, float]) -> RampBound:
@@ -225,7 +226,7 @@ def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[floa
     # A press ends within half a step of its depth; that may be above contact.
     share = doi_mm / max(deepest_mm, doi_mm)
     here_gwt = max(force_gwt * share**CONTACT_EXPONENT, engine.sensing.touch_gwt)
-    bound = RampBound.of(engine.settings, speed_mm_s, engine.trip_gwt, here_gwt, doi_mm)
+    bound = RampBound.of(engine.settings, speed_mm_s, engine.trips.lowest_gwt, here_gwt, doi_mm)
     bound.refuse_too_fast(LimitError, engine.x_mm)
     return bound
 
@@ -234,35 +235,49 @@ Reached = tuple[float, float] | None
 """Depth (mm) and force (gwt) of the last press at a position since the last homing."""
 
 
-@dataclass(frozen=True)
-class ScriptedPress:
-    """Press as the script asked for it: verb, target, number of holds, speed (mm/s) and duration of each hold (s)."""
-
-    verb: str
-    target: Target
-    increments: int
-    speed_mm_s: float
-    hold_s: float
-
-
 def _indentation(
     engine: Engine,
     asked: ScriptedPress,
     press_mm_s: float,
     holds: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
-    expected_contact_mm: float,
-    contact_area_mm2: float,
-    predicted: PredictedPress | None,
-    press_id: PressId | None,
 ) -> Indentation:
+    """Carry out an indentation; `holds` presses from the touch on. Repeat it after a pause."""
     ready_to_indent(engine)
-    press = PressId(engine.next_index()) if press_id is None else press_id
-    search_mm = engine.settings.limits.search_mm
-    approach = Approach(engine, press, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
+    press = PressId(engine.next_index()) if asked.id is None else asked.id
+    approach = _approach(engine, press, asked.expected_contact_mm)
 
     def attempt() -> Indentation:
-        engine.trips.press_on(contact_area_mm2)
-        return _attempt(engine, approach, asked, predicted, press_mm_s, holds)
+        engine.trips.press_on(asked.contact_area_mm2)
+        safe_point(engine)
+        before = engine.touched.reached_at(engine.x_mm, engine.along_mm)
+        start_s = engine.clock.monotonic_s()
+        start = IndentationStartEvent(
+            index=press.index,
+            indentor=engine.indentor,
+            x_mm=engine.x_mm,
+            verb=asked.verb,
+            target=asked.target.kind,
+            value=asked.target.value,
+            increments=asked.increments,
+            speed_mm_s=asked.speed_mm_s,
+            hold_s=asked.hold_s,
+            predicted_doi_mm=None if asked.predicted is None else asked.predicted.predicted_doi_mm,
+            predicted_force_gwt=None if asked.predicted is None else asked.predicted.predicted_force_gwt,
+            **press.marks,
+        )
+        engine.record(start, press)
+        try:
+            touch = approach.touch_off()
+            pressing = Press(engine, press, touch, press_mm_s)
+            done = holds(approach, pressing, before)
+        except LimitError:
+            retract(engine)
+            raise
+        retract(engine)
+        engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm, pressing.reached or before)
+        duration = engine.clock.monotonic_s() - start_s
+        engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
+        return Indentation(press.index, engine.x_mm, done)
 
     return unpaused(attempt)
 
@@ -270,10 +285,7 @@ def _indentation(
 def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:
     """Touch off at the present position, lift, and return the contact height above the nominal apex (mm)."""
     ready_to_indent(engine)
-    search_mm = engine.settings.limits.search_mm
-    approach = Approach(
-        engine, PressId(index, "find"), expected_contact_mm - search_mm, expected_contact_mm + search_mm
-    )
+    approach = _approach(engine, PressId(index, "find"), expected_contact_mm)
     try:
         height_mm = unpaused(lambda: approach.touch_off().contact_height_mm)
     except LimitError:
@@ -285,44 +297,9 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
     return height_mm
 
 
-def _attempt(
-    engine: Engine,
-    approach: Approach,
-    asked: ScriptedPress,
-    predicted: PredictedPress | None,
-    press_mm_s: float,
-    past_touch: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
-) -> Indentation:
-    safe_point(engine)
-    before = engine.touched.reached_at(engine.x_mm, engine.along_mm)
-    press, start_s = approach.press, engine.clock.monotonic_s()
-    start = IndentationStartEvent(
-        index=press.index,
-        indentor=engine.indentor,
-        x_mm=engine.x_mm,
-        verb=asked.verb,
-        target=asked.target.kind,
-        value=asked.target.value,
-        increments=asked.increments,
-        speed_mm_s=asked.speed_mm_s,
-        hold_s=asked.hold_s,
-        predicted_doi_mm=None if predicted is None else predicted.predicted_doi_mm,
-        predicted_force_gwt=None if predicted is None else predicted.predicted_force_gwt,
-        **press.marks,
-    )
-    engine.record(start, press)
-    try:
-        touch = approach.touch_off()
-        pressing = Press(engine, press, touch, press_mm_s)
-        holds = past_touch(approach, pressing, before)
-    except LimitError:
-        retract(engine)
-        raise
-    retract(engine)
-    engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm, pressing.reached or before)
-    duration = engine.clock.monotonic_s() - start_s
-    engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
-    return Indentation(press.index, engine.x_mm, holds)
+def _approach(engine: Engine, press: PressId, expected_contact_mm: float) -> Approach:
+    search_mm = engine.settings.limits.search_mm
+    return Approach(engine, press, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
 
 
 def ready_to_indent(engine: Engine) -> None:

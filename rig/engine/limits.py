@@ -1,16 +1,13 @@
-"""Limits and trips: forces, stopping distance, contact time, and positions of earlier contact."""
+"""Limits and trips: forces, time, heights, stopping distance, and positions of earlier contact."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S
 from rig.errors import LimitError, RigError, TripError
-from rig.records import ContactFit, PlannedIndentation
+from rig.records import PlannedIndentation
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 
@@ -49,20 +46,15 @@ class Trips:
     @property
     def lowest(self) -> str:
         """Name of the lowest limit."""
-        if self._ramp_gwt < min(self.soft_gwt, self._area_gwt):
-            return "ramp trip"
-        return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
-
-    @property
-    def lowest_code(self) -> str:
-        """Error code of the lowest limit."""
-        return self.lowest.replace(" ", "_")
+        limits_gwt = {"soft trip": self.soft_gwt, "pressure limit": self._area_gwt, "ramp trip": self._ramp_gwt}
+        return min(limits_gwt, key=lambda name: limits_gwt[name])
 
     def passed(self, force_gwt: float) -> TripError | None:
         """Return the trip that a reading of a press exceeds, or None."""
         if abs(force_gwt) > self.lowest_gwt:
             return TripError(
-                f"force {force_gwt:.2f} gwt exceeds the {self.lowest} of {self.lowest_gwt:.2f} gwt", self.lowest_code
+                f"force {force_gwt:.2f} gwt exceeds the {self.lowest} of {self.lowest_gwt:.2f} gwt",
+                self.lowest.replace(" ", "_"),
             )
         return None
 
@@ -82,6 +74,12 @@ class Trips:
 def pressure_limit_gwt(max_pressure_kpa: float, contact_area_mm2: float) -> float:
     """Return the force (gwt) at which the mean pressure on a contact area is the highest allowed one."""
     return max_pressure_kpa * contact_area_mm2 / 1000 / GWT_N
+
+
+class ContactTimeError(LimitError):
+    """The finger has been touched for longer than limits.max_contact_s."""
+
+    default_code = "contact_time"
 
 
 class ContactTime:
@@ -121,13 +119,40 @@ class ContactTime:
         return self.total_s > self._longest_s
 
     def refuse_more(self) -> None:
-        """Raise LimitError if the contact time exceeds limits.max_contact_s."""
+        """Raise ContactTimeError if the contact time exceeds limits.max_contact_s."""
         if self.over:
-            raise LimitError(
+            raise ContactTimeError(
                 f"the finger has been touched for {self.total_s:.1f} s in this run, longer than "
-                f"limits.max_contact_s = {self._longest_s:g} s",
-                "contact_time",
+                f"limits.max_contact_s = {self._longest_s:g} s"
             )
+
+
+class Heartbeat:
+    """Deadline that stops the stage if the engine stops responding.
+
+    The deadline is only set while the indentor may touch the finger; `look` checks it from another thread or timer.
+    """
+
+    def __init__(self, clock: Clock, stop: Callable[[], None]) -> None:
+        self._clock, self._stop = clock, stop
+        self._due_s: float | None = None
+        self.lost = False
+
+    def beat(self, within_s: float) -> None:
+        """Set the deadline to within_s seconds from now."""
+        self._due_s = self._clock.monotonic_s() + within_s
+
+    def rest(self) -> None:
+        """Clear the deadline: the indentor is clear of the finger."""
+        self._due_s = None
+
+    def look(self) -> None:
+        """Stop the stage, once, if the deadline has passed."""
+        due_s = self._due_s
+        if due_s is None or self.lost or self._clock.monotonic_s() <= due_s:
+            return
+        self.lost = True
+        self._stop()
 
 
 def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
@@ -178,45 +203,15 @@ def refuse_height(
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
 
-_TRIED = 201  # contact heights tried at once
-_FINER = 4  # refinements about the best one, each a hundred times finer
-
-
-def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> ContactFit:
-    """Fit the contact height to (height mm, force gwt) readings that descend to the threshold.
-
-    Least-squares fit of F = a · (contact − height)^1.5, zero above contact, to all readings, so that a single noisy
-    reading has little weight. If fewer than two readings exceed half a step of the sensor (resolution_gwt), the last
-    height is returned.
-    """
-    height, force = np.array(readings).T
-    shown = force > 0.5 * resolution_gwt
-    contact = float(height[-1]) if shown.sum() < 2 else _least_squares(height, force)
-    return ContactFit(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
-
-
-def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:
-    """Return the contact height (mm) within the descent; the best stiffness follows from each candidate."""
-
-    def misfits(contact_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        shape = np.maximum(contact_mm[:, None] - height_mm, 0.0) ** CONTACT_EXPONENT
-        stiffness = shape @ force_gwt / np.einsum("ij,ij->i", shape, shape)
-        return ((force_gwt - stiffness[:, None] * shape) ** 2).sum(1)
-
-    lowest, highest = height_mm[-1], height_mm[0]
-    tried, step = np.linspace(lowest, highest, _TRIED, retstep=True)
-    tried = tried[1:]  # At the last height nothing is below contact.
-    lowest += 0.5 * step
-    for _ in range(_FINER):
-        best = tried[int(np.argmin(misfits(tried)))]
-        tried, step = np.linspace(max(best - step, lowest), min(best + step, highest), _TRIED, retstep=True)
-    return float(tried[int(np.argmin(misfits(tried)))])
-
-
 # Time that a controller has queued at full speed: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/validation/devices.md).
 PREPARED_S = 0.11
 # Longest time without a force reading during a motion: 0.34 s behind `rig serve` (docs/validation/safety.md).
 UNREAD_S = 0.35
+
+
+def reading_delay_s(settings: RigSettings) -> float:
+    """Return the time from the end of a move to a reading that is unaffected by it (s)."""
+    return settings.force.latency_s + settings.habits.settle_readings * settings.force.sample_period_s
 
 
 @dataclass(frozen=True)
@@ -231,8 +226,7 @@ class Stopping:
     @classmethod
     def of(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
         """Return the stopping in a press: delays of sensor, reading and controller, at most one increment queued."""
-        waited_s = settings.habits.settle_readings * settings.force.sample_period_s
-        late_s = settings.force.latency_s + waited_s + PREPARED_S
+        late_s = reading_delay_s(settings) + PREPARED_S
         return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
 
     @classmethod
@@ -362,37 +356,6 @@ class RampBound:
             )
 
 
-# Share of its force that tissue keeps in a hold; it responds to a fast move as if it still had all of it.
-RELAXED_TO = 0.6
-
-
-@dataclass(frozen=True)
-class SampleAge:
-    """Age of a force sample in a press: how much the force rises unseen, and how fast the press can be."""
-
-    age_s: float
-    wait_s: float
-    increment_mm: float
-
-    @classmethod
-    def of(cls, settings: RigSettings) -> "SampleAge":
-        """Return it for the configured sensor, with the wait for a reading after an increment."""
-        force, habits = settings.force, settings.habits
-        wait_s = force.latency_s + habits.settle_readings * force.sample_period_s
-        return cls(force.latency_s + force.sample_period_s, wait_s, habits.increment_mm)
-
-    def press_speed_mm_s(self, speed_mm_s: float) -> float:
-        """Return the mean speed of a press whose moves have this speed (mm/s): it waits after each increment."""
-        return self.increment_mm / (self.increment_mm / speed_mm_s + self.wait_s)
-
-    def rise_gwt(self, speed_mm_s: float, stiffness_gwt_mm: float) -> float:
-        """Return how much the force rises while a sample ages (gwt): speed · age · stiffness.
-
-        A press moves by one increment at most without a reading.
-        """
-        return stiffness_gwt_mm * min(speed_mm_s * self.age_s, self.increment_mm)
-
-
 class Touched:
     """Contact heights above the nominal apex (mm) by position, for one indentor since the last homing.
 
@@ -401,28 +364,23 @@ class Touched:
 
     def __init__(self, settings: RigSettings) -> None:
         self._settings = settings
-        self._contact_mm: dict[tuple[float, float], float] = {}
-        self._reached: dict[tuple[float, float], tuple[float, float]] = {}
+        self._found: dict[tuple[float, float], tuple[float, tuple[float, float] | None]] = {}
 
     def at(self, x_mm: float, along_mm: float, contact_mm: float, reached: tuple[float, float] | None = None) -> None:
         """Record the contact height at a position after the lift, and the force and depth of the press there."""
-        self._contact_mm[x_mm, along_mm] = contact_mm
-        if reached is not None:
-            self._reached[x_mm, along_mm] = reached
+        self._found[x_mm, along_mm] = contact_mm, reached
 
     def reached_at(self, x_mm: float, along_mm: float) -> tuple[float, float] | None:
         """Return the depth (mm) and force (gwt) of the last press at a position, or None."""
-        return self._reached.get((x_mm, along_mm))
+        return self._found.get((x_mm, along_mm), (0.0, None))[1]
 
     def forget_at(self, x_mm: float, along_mm: float) -> None:
         """Forget the contact at a position."""
-        self._contact_mm.pop((x_mm, along_mm), None)
-        self._reached.pop((x_mm, along_mm), None)
+        self._found.pop((x_mm, along_mm), None)
 
     def forget(self) -> None:
         """Forget all contacts: new indentor, new homing, or an operator at the finger."""
-        self._contact_mm.clear()
-        self._reached.clear()
+        self._found.clear()
 
     def free_mm(self, x_mm: float, along_mm: float, speed_mm_s: float) -> float:
         """Return the height (mm) down to which one move at this speed is safe at a position.
@@ -430,8 +388,8 @@ class Touched:
         Last contact plus margin plus stopping distance, at most clearance; clearance if the position was not touched.
         """
         habits = self._settings.habits
-        contact_mm = self._contact_mm.get((x_mm, along_mm))
-        if contact_mm is None:
+        found = self._found.get((x_mm, along_mm))
+        if found is None:
             return habits.clearance_mm
         stopping_mm = Stopping.in_one_move(self._settings, speed_mm_s).distance_mm
-        return min(contact_mm + habits.retouch_margin_mm + stopping_mm, habits.clearance_mm)
+        return min(found[0] + habits.retouch_margin_mm + stopping_mm, habits.clearance_mm)

@@ -50,7 +50,24 @@ class NoReadingError(RigError):
         return isinstance(self.__cause__, _OUT_OF_RANGE)
 
 
-def read(sensor: ForceSensor, clock: Clock, wait_s: float, max_age_s: float = math.inf) -> ForceReading:
+@dataclass(frozen=True)
+class ReadingListener:
+    """Receiver of each raw reading, and of each failure in words."""
+
+    on_reading: Callable[[ForceReading], None] = lambda reading: None
+    on_failure: Callable[[str], None] = lambda problem: None
+
+
+_NOBODY = ReadingListener()
+
+
+def read(
+    sensor: ForceSensor,
+    clock: Clock,
+    wait_s: float,
+    max_age_s: float = math.inf,
+    listener: ReadingListener = _NOBODY,
+) -> ForceReading:
     """Return a reading taken after the wait.
 
     Raises NoReadingError if it is missing, not a number, stale, or came later than max_age_s after its request.
@@ -60,7 +77,9 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float, max_age_s: float = ma
     try:
         reading = sensor.read()
     except (ForceError, TransportError) as error:
+        listener.on_failure(str(error))
         raise NoReadingError(f"no force reading: {error}") from error
+    listener.on_reading(reading)
     if not math.isfinite(reading.force_n):
         raise NoReadingError(f"the force reading is {reading.force_n}, not a number", "not_a_number")
     if reading.t_s < requested_s:
@@ -118,8 +137,10 @@ class MotionForce:
 class Sensing:
     """One force sensor: forces in gwt, depths in mm."""
 
-    def __init__(self, settings: RigSettings, clock: Clock, sensor: ForceSensor) -> None:
-        self.sensor, self.moved = sensor, True  # moved: since the last settled reading.
+    def __init__(
+        self, settings: RigSettings, clock: Clock, sensor: ForceSensor, listener: ReadingListener = _NOBODY
+    ) -> None:
+        self.sensor, self._listener, self.moved = sensor, listener, True  # moved: since the last settled reading.
         self.zero: ForceZero | None = None  # zero that forces are counted from
         self.max_age_s = find(ForceKind, settings.force.kind).max_age_s(settings.force)
         self._settings, self._clock = settings, clock
@@ -174,11 +195,11 @@ class Sensing:
 
     def now(self) -> ForceReading:
         """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
-        return self._from_zero(self._read(0.0))
+        return self.from_zero(self._read(0.0))
 
     def settled(self) -> ForceReading:
         """Return a new reading from zero, taken at rest. Raises NoReadingError."""
-        return self._from_zero(self.raw())
+        return self.from_zero(self.raw())
 
     def raw(self) -> ForceReading:
         """Return the same reading without a zero; retry a busy sensor for BUSY_S. Raises NoReadingError."""
@@ -267,7 +288,7 @@ class Sensing:
         """Return a reading during a motion; None if the force is not monitored. Raises NoReadingError."""
         if begun.baseline_n is None:
             return None
-        reading = self._from_zero(self._read(0.0))
+        reading = self.from_zero(self._read(0.0))
         return replace(reading, force_n=reading.force_n - begun.baseline_n)
 
     @property
@@ -283,9 +304,10 @@ class Sensing:
         return self.zero
 
     def _read(self, wait_s: float) -> ForceReading:
-        return read(self.sensor, self._clock, wait_s, self.max_age_s)
+        return read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
 
-    def _from_zero(self, reading: ForceReading) -> ForceReading:
+    def from_zero(self, reading: ForceReading) -> ForceReading:
+        """Return a reading counted from the zero, if there is one."""
         return reading if self.zero is None else self.zero.without_offset(reading)
 
     def deflection_mm(self, force_gwt: float) -> float:

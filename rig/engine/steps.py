@@ -8,19 +8,36 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import datetime
+from functools import partial
 
-from rig.devices.base import MoveError, StageError, StageOverridden
+from rig.clock import Clock
+from rig.devices.base import MoveError, Stage, StageError, StageOverridden
+from rig.engine.bench import EngineMemory
+from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
-from rig.engine.engine import Engine, State
-from rig.engine.jog import DOWN, UP, Direction, jogging, lift_from_rest, slices
-from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, SidewaysLimit, late_reading_s, park_height_mm
-from rig.engine.motion import Check, InterruptedMotionError, Outcome, insist
-from rig.engine.press import FrozenReading
-from rig.engine.sensing import NoReadingError, zero_readings_gwt
-from rig.engine.verbs import go_sideways
+from rig.engine.contact_moves import FrozenReading, pull_in_descent
+from rig.engine.engine import LATE_FACTOR, Engine, State
+from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, ContactTimeError, park_height_mm
+from rig.engine.motion import (
+    DOWN,
+    UP,
+    Check,
+    Direction,
+    InterruptedMotionError,
+    Outcome,
+    insist,
+    jog,
+    jogging,
+    lift_from_rest,
+    slices,
+)
+from rig.engine.sensing import ForceZero, NoReadingError, Sensing, zero_readings_gwt
+from rig.engine.verbs import go_sideways, guarded_sideways, zero_in_contact_error, zero_noise_error
 from rig.engine.watch import Watch
 from rig.errors import LimitError, NotReadyError, RigError, TripError
 from rig.records import NO_PRESS
+from rig.settings import ZERO_LIFT_MM, RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 
@@ -28,8 +45,6 @@ MOST_MM = 5.0
 """Longest step (mm)."""
 
 _TINY_MM = 1e-6
-_LATE_FACTOR = 2.0  # A jog may take this multiple of its nominal duration before the heartbeat is lost.
-_PLAIN_WATCH = Watch()
 _LOST_INCREMENTS = 2.0  # Farther below a touch, a force must still be there.
 
 
@@ -79,7 +94,7 @@ class _Descent:
             f"touched, {grown_gwt:.2f} gwt more than before; step down again to continue", "touched", force_gwt
         )
 
-    def goes_on(self, force_gwt: float, by_mm: float) -> InterruptedMotionError | None:
+    def judge_increment(self, force_gwt: float, by_mm: float) -> InterruptedMotionError | None:
         """Judge the force at rest after an increment; return the first touch. Trips for a reading of no finger."""
         before_gwt, self.rest_gwt = self.rest_gwt, force_gwt
         self.made_mm += by_mm
@@ -93,8 +108,7 @@ class _Descent:
         """Return the trip of a pull, and of a sensor that showed a touch and no longer answers to it."""
         touch_gwt, increment_mm = self.engine.sensing.touch_gwt, self.engine.settings.habits.increment_mm
         if force_gwt <= self.air_gwt - touch_gwt:
-            words = f"the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
-            return TripError(words, "reads_backwards")
+            return pull_in_descent(force_gwt)
         if self.touched_mm is None:
             return None
         below_mm = self.made_mm - self.touched_mm
@@ -142,14 +156,17 @@ class Steps:
         force_gwt = self._force_before(up=direction == UP)
         if direction == UP:
             self._descent = None
-            return self._ended(lambda: self._up(by_mm, speed_mm_s))
+            return self._run(lambda: self._up(by_mm, speed_mm_s))
         assert force_gwt is not None
         if direction == DOWN:
-            self._refuse_depth(by_mm)
-            return self._ended(lambda: self._down(by_mm, speed_mm_s, force_gwt))
+            if self._stage.homed:
+                settings = self._engine.settings
+                check = f"check frame.apex_z_mm = {settings.frame.apex_z_mm:g}; "
+                _refuse_depth(settings, self._engine.height_mm - by_mm, check)
+            return self._run(lambda: self._down(by_mm, speed_mm_s, force_gwt))
         self._descent = None
         self._refuse_contact()
-        return self._ended(lambda: self._aside(direction, by_mm, speed_mm_s))
+        return self._run(lambda: self._aside(direction, by_mm, speed_mm_s))
 
     def park(self, speed_mm_s: float) -> StepEnd:
         """Lift to the park height. Raises as `make`."""
@@ -159,7 +176,48 @@ class Steps:
             raise NotReadyError("park: heights are unknown; home first", "not_homed")
         self._descent = None
         left_mm = engine.settings.habits.park_height_mm - engine.height_mm
-        return self._ended(lambda: self._up(left_mm, speed_mm_s) if left_mm > AT_MM else None)
+        return self._run(lambda: self._up(left_mm, speed_mm_s) if left_mm > AT_MM else None)
+
+    def zero(self, before: LastKnown, speed_mm_s: float) -> tuple[str, ForceZero]:
+        """Zero the sensor, lift by `ZERO_LIFT_MM` and stay there; return the sensor's identity and the zero.
+
+        Raises NotReadyError after a trip; LimitError without readings, if they scatter, or if the last recorded zero
+        or the lift shows a contact; StageError if the stage did not lift; ForceError, TransportError.
+        """
+        engine, sensing = self._engine, self._engine.sensing
+        if engine.state is State.TRIPPED:
+            raise NotReadyError("zero: not allowed after a trip; home first", "tripped")
+        self.forget()
+        if before.zero is not None:
+            sensing.zero = before.zero
+        _refuse_zero_in_contact(sensing, before)
+        z_mm = self._stage.status().z_mm
+        if (
+            self._stage.homed and z_mm + ZERO_LIFT_MM + AT_MM > 0
+        ):  # The top of the travel leaves no room for the lift.
+            self._move_for_zero(DOWN, z_mm + ZERO_LIFT_MM + AT_MM, speed_mm_s)
+        name, zero = take_zero(sensing, engine.memory)
+        try:
+            force_gwt = self._move_for_zero(UP, ZERO_LIFT_MM, speed_mm_s).known.force_gwt
+            if force_gwt is None:
+                raise LimitError("no steady force after the lift; zero the sensor again", "no_reading")
+            if abs(force_gwt) >= sensing.touch_gwt:
+                changed = zero_in_contact_error(force_gwt)
+                raise LimitError(str(changed), changed.code)
+        except BaseException:
+            sensing.zero = None
+            raise
+        return name, zero
+
+    def _move_for_zero(self, direction: Direction, by_mm: float, speed_mm_s: float) -> StepEnd:
+        """Move straight by a distance. Raises LimitError if a force ended it, StageError if it was not covered."""
+        from_mm = self._stage.status().z_mm
+        found = self.make(direction, by_mm, speed_mm_s)
+        if found.ended_by is not None:
+            raise LimitError(f"{found.ended_by}; nothing was zeroed; keep the finger away", found.ended_by.code)
+        if abs(self._stage.status().z_mm - from_mm) < by_mm - AT_MM:
+            raise StageError("the stage did not move", "did_not_move")
+        return found
 
     def contact(self) -> StepEnd:
         """Measure the state of contact at rest. Raises StageError, TransportError."""
@@ -176,18 +234,29 @@ class Steps:
             known = engine.record_contact(force_gwt if sensing.absolute else None)
         if not known.may_touch and engine.state is State.IN_CONTACT:
             engine.enter_clearance()
-            engine.contact_time = ContactTime(engine.clock, engine.settings.limits)  # of this contact
+            self._end_contact_time()
+        if not self._stage.homed and force_gwt is not None:
+            self._count_contact(force_gwt)
         return StepEnd(known, force_gwt)
 
-    def _ended(self, motion: Callable[[], RigError | None]) -> StepEnd:
+    def _count_contact(self, force_gwt: float) -> None:
+        """Count the contact time at an unknown height, where only the force shows a contact."""
+        if abs(force_gwt) >= self._engine.sensing.touch_gwt:
+            self._engine.contact_time.begin()
+        else:
+            self._end_contact_time()
+
+    def _end_contact_time(self) -> None:
+        """Begin the contact time anew: under manual control the limit is that of one contact."""
+        self._engine.contact_time = ContactTime(self._engine.clock, self._engine.settings.limits)
+
+    def _run(self, motion: Callable[[], RigError | None]) -> StepEnd:
         engine = self._engine
         try:
             ended_by: RigError | None = motion()
         except TripError as trip:
             ended_by = trip
-        except LimitError as limit:
-            if limit.code != "contact_time":
-                raise
+        except ContactTimeError as limit:
             ended_by = limit
             try:
                 engine.lift()
@@ -226,16 +295,6 @@ class Steps:
             raise LimitError(f"{passed}; nothing was moved: move up first, or run `rig zero`", passed.code)
         return force_gwt
 
-    def _refuse_depth(self, by_mm: float) -> None:
-        settings, height_mm = self._engine.settings, self._engine.height_mm - by_mm
-        if self._stage.homed and height_mm < -settings.limits.max_doi_mm - _TINY_MM:
-            raise LimitError(
-                f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = "
-                f"{settings.limits.max_doi_mm:g} mm; check frame.apex_z_mm = {settings.frame.apex_z_mm:g}; nothing "
-                "was moved",
-                "too_deep",
-            )
-
     def _refuse_contact(self) -> None:
         """Refuse a step sideways unless a measurement at rest shows no touch, and at clearance where it is known."""
         engine, sensing = self._engine, self._engine.sensing
@@ -267,7 +326,7 @@ class Steps:
             )
         engine.enter_clearance()
 
-    # --- steps ---
+    # --- motions ---
 
     def _up(self, by_mm: float, speed_mm_s: float) -> None:
         engine = self._engine
@@ -281,11 +340,7 @@ class Steps:
 
     def _down(self, by_mm: float, speed_mm_s: float, force_gwt: float) -> RigError | None:
         """Go down to clearance in one slow motion, and below it, or where a force is read, by increments."""
-        engine, habits, resolution_mm = (
-            self._engine,
-            self._engine.settings.habits,
-            self._engine.settings.stage.resolution_mm,
-        )
+        engine, habits = self._engine, self._engine.settings.habits
         descent = self._descent = self._descent or _Descent(engine, force_gwt, force_gwt)
         if descent.touched_mm is None:  # What fell between two steps is a drift, and no pull.
             descent.air_gwt = min(descent.air_gwt, force_gwt)
@@ -303,30 +358,30 @@ class Steps:
                 return problem
         while left_mm > _TINY_MM:
             step_mm = min(left_mm, descent.room_mm)
-            if step_mm < min(left_mm, resolution_mm):
+            if step_mm < min(left_mm, engine.settings.stage.resolution_mm):
                 return InterruptedMotionError(
                     "the next step down would pass the soft trip", "next_step_past_soft_trip"
                 )
-            force_gwt = self._increment(step_mm, speed_mm_s)
+            force_gwt = self._increment(descent, step_mm, speed_mm_s)
             left_mm -= step_mm
-            if problem := descent.goes_on(force_gwt, step_mm):
+            if problem := descent.judge_increment(force_gwt, step_mm):
                 return problem
         return None
 
-    def _increment(self, by_mm: float, speed_mm_s: float) -> float:
+    def _increment(self, descent: _Descent, by_mm: float, speed_mm_s: float) -> float:
         """Go down by an increment at most, and return the force at rest (gwt)."""
         engine = self._engine
         speed_mm_s = min(speed_mm_s, engine.settings.limits.max_press_speed_mm_s)
         if self._stage.homed:
             engine.go_to_height(engine.height_mm - by_mm, speed_mm_s)
             return engine.read_force_gwt(NO_PRESS, "approach")
-        self._may_touch()
+        self._record_may_touch()
         try:
-            self._jog(DOWN, by_mm, speed_mm_s)
+            self._jog(DOWN, by_mm, speed_mm_s, Watch())
             return engine.read_force_gwt(NO_PRESS, "approach")
-        except TripError as trip:
-            made_mm = by_mm if self._descent is None else self._descent.made_mm + by_mm
-            raise self._left(trip, min(made_mm, engine.settings.habits.clearance_mm)) from None
+        except (TripError, ContactTimeError) as problem:
+            made_mm = descent.made_mm + by_mm
+            raise self._lifted(problem, min(made_mm, engine.settings.habits.clearance_mm)) from None
 
     def _aside(self, direction: Direction, by_mm: float, speed_mm_s: float) -> RigError | None:
         """Go sideways so slowly that a touch ends the motion below half the soft trip."""
@@ -334,77 +389,76 @@ class Steps:
         if self._stage.homed:
             x_mm = engine.x_mm + direction.sign * by_mm * (direction.axis == "x")
             along_mm = engine.along_mm + direction.sign * by_mm * (direction.axis == "y")
-            self._refuse_travel(direction, x_mm, along_mm)
+            frame, is_x = settings.frame, direction.axis == "x"
+            to_mm = frame.pad_centre_x_mm + x_mm if is_x else frame.pad_y_mm + along_mm
+            travel_mm = settings.stage.travel_mm["xyz".index(direction.axis)]
+            if not -travel_mm - _TINY_MM <= to_mm <= _TINY_MM:
+                raise LimitError(
+                    f"machine {direction.axis} = {to_mm:.3f} mm is outside the stage's travel, "
+                    f"{-travel_mm:g} … 0 mm; nothing was moved",
+                    "outside_travel",
+                )
             go_sideways(engine, x_mm, along_mm, speed_mm_s)
             return None
-        limit = SidewaysLimit.of(settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
-        speed_mm_s, late_s = min(speed_mm_s, limit.speed_mm_s), late_reading_s(settings)
-        self._may_touch()
+        limit, watch = guarded_sideways(engine)
+        self._record_may_touch()
         try:
-            outcome = self._jog(direction, by_mm, speed_mm_s, Watch(touch_ends_it=True, late_s=late_s))
+            outcome = self._jog(direction, by_mm, min(speed_mm_s, limit.speed_mm_s), watch)
             force_gwt = engine.read_force_gwt(NO_PRESS, "moving")
             if abs(force_gwt) >= engine.sensing.touch_gwt:
-                engine.trip(
-                    TripError(f"the sensor reads {force_gwt:.2f} gwt after a step sideways", "touched"), force_gwt
-                )
+                touched = TripError(f"the sensor reads {force_gwt:.2f} gwt after a step sideways", "touched")
+                engine.trip(touched, force_gwt)
         except TripError as trip:
-            raise self._left(trip, settings.habits.clearance_mm) from None
+            raise self._lifted(trip, settings.habits.clearance_mm) from None
         if outcome is Outcome.ARRIVED:
             return None
         words = "a late reading, or a touch that vanished at rest, ended the step; step again to continue"
         return InterruptedMotionError(words, "late_reading")
 
-    def _refuse_travel(self, direction: Direction, x_mm: float, along_mm: float) -> None:
-        settings = self._engine.settings
-        to_mm = settings.frame.pad_centre_x_mm + x_mm if direction.axis == "x" else settings.frame.pad_y_mm + along_mm
-        travel_mm = settings.stage.travel_mm["xyz".index(direction.axis)]
-        if not -travel_mm - _TINY_MM <= to_mm <= _TINY_MM:
-            raise LimitError(
-                f"machine {direction.axis} = {to_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm; "
-                "nothing was moved",
-                "outside_travel",
-            )
-
     # --- at an unknown height ---
 
-    def _jog(
-        self,
-        direction: Direction,
-        by_mm: float,
-        speed_mm_s: float,
-        watch: Watch = _PLAIN_WATCH,
-    ) -> Outcome:
+    def _jog(self, direction: Direction, by_mm: float, speed_mm_s: float, watch: Watch) -> Outcome:
         engine, stage = self._engine, self._stage
-        engine.beat(_LATE_FACTOR * by_mm / speed_mm_s)
+        engine.beat(LATE_FACTOR * by_mm / speed_mm_s)
 
         def motion(check: Check) -> None:
             looks = jogging(stage, engine.clock, direction, by_mm, speed_mm_s)
-            engine.motion.watched(looks, stage.end_jog, check)
+            engine.motion.run(looks, check, stage.end_jog)
 
         return engine.run_watched(motion, watch)
 
-    def _may_touch(self) -> None:
+    def _record_may_touch(self) -> None:
         """Record a possible contact before a motion at an unknown height."""
         engine = self._engine
         if not engine.contact.may_touch:
             engine.contact = replace(engine.contact, may_touch=True)
             engine.memory.touched(KnownContact(unix_s=engine.clock.unix_s()))
 
-    def _left(self, trip: TripError, first_mm: float) -> TripError:
-        """Lift after a trip, which the engine cannot where heights are unknown; return the trip with what was done.
+    def _lifted(self, trip: RigError, first_mm: float) -> TripError:
+        """Lift after a trip or a contact time that is over, which the engine cannot where heights are unknown.
 
         The lift takes back the way down, or by clearance sideways, and goes on by clearances while a force falls.
+        Returns the trip with what was done.
         """
-        engine, settings = self._engine, self._engine.settings
+        engine, stage, settings = self._engine, self._stage, self._engine.settings
         self._descent = None
-        if self._stage.homed or settings.limits.on_trip == "stop" or engine.heartbeat.lost:
+        if isinstance(trip, TripError) and (stage.homed or not engine.trip_lifts):
             return trip
         clearance_mm, lifted_mm, by_mm = settings.habits.clearance_mm, 0.0, first_mm
         most_mm = max(park_height_mm(settings, clearance_mm) - clearance_mm, first_mm)
+
+        def lift(to_mm: float) -> None:
+            left_mm = to_mm - stage.status().z_mm
+            try:
+                lift_from_rest(stage, engine.clock, left_mm, settings.habits.travel_speed_mm_s)
+            except StageOverridden as error:
+                stage.halt()
+                raise InterruptedMotionError(str(error), error.code) from error
+
         try:
             force_gwt = math.inf
             while by_mm > 0.0:
-                self._lift_by(by_mm)
+                insist(partial(lift, stage.status().z_mm + by_mm))
                 lifted_mm += by_mm
                 before_gwt, force_gwt = force_gwt, abs(engine.sensing.settled().force_n / GWT_N)
                 falls = engine.sensing.touch_gwt <= force_gwt < before_gwt
@@ -417,17 +471,90 @@ class Steps:
             engine.sensing.moved = True
         return TripError(f"{trip}; lifted by {lifted_mm:.2f} mm", trip.code)
 
-    def _lift_by(self, by_mm: float) -> None:
-        """Lift from rest, also if an operator changes the speed meanwhile."""
-        engine, stage = self._engine, self._stage
-        to_mm = stage.status().z_mm + by_mm
 
-        def lift() -> None:
-            left_mm = to_mm - stage.status().z_mm
-            try:
-                lift_from_rest(stage, engine.clock, left_mm, engine.settings.habits.travel_speed_mm_s)
-            except StageOverridden as error:
-                stage.halt()
-                raise InterruptedMotionError(str(error), error.code) from error
+def take_zero(sensing: Sensing, memory: EngineMemory) -> tuple[str, ForceZero]:
+    """Zero a sensor at its present load; return its identity and the zero, which the caller records.
 
-        insist(lift)
+    Raises LimitError without readings or if they scatter, ForceError, TransportError.
+    """
+    name = sensing.connect()
+    sensing.sensor.zero()
+    sensing.zero = None  # Readings now have a new zero.
+    memory.record_zero(None)
+    try:
+        zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
+        if refused := zero_noise_error(sensing, zero):
+            raise LimitError(str(refused), refused.code)
+    except NoReadingError as error:
+        sensing.zero = None
+        raise LimitError(f"{error}; zero the sensor again", "no_reading") from error
+    except BaseException:
+        sensing.zero = None
+        raise
+    return name, zero
+
+
+def _refuse_zero_in_contact(sensing: Sensing, last: LastKnown) -> None:
+    """Raise LimitError if the force from the last zero, or without one the record of contact, may be a contact."""
+    if last.zero is None:
+        if last.contact is not None and last.contact.kind not in ("lifted", "raised"):
+            raise LimitError(
+                f"there is no zero on record, and the indentor is {last.contact.words}, so nothing was zeroed; "
+                "free the finger and home, or, if nothing touches the indentor, use --anyway",
+                "maybe_touched",
+            )
+        return
+    try:
+        force_gwt = sensing.at_rest_gwt()
+    except NoReadingError as error:
+        remedy = "let the sensor settle, or use --anyway if nothing touches the indentor"
+        raise LimitError(f"{error}; nothing was zeroed; {remedy}", error.code) from error
+    if abs(force_gwt) >= sensing.touch_gwt:
+        taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
+        raise LimitError(
+            f"the sensor reads {force_gwt:.2f} gwt from the last recorded zero ({taken}), more than "
+            f"{sensing.touch_gwt:.2f} gwt, so nothing was zeroed; if nothing touches the indentor, use --anyway",
+            "maybe_touched",
+        )
+
+
+def step_without_force(
+    settings: RigSettings,
+    stage: Stage,
+    clock: Clock,
+    memory: EngineMemory,
+    direction: Direction,
+    by_mm: float,
+    speed_mm_s: float,
+) -> None:
+    """Jog by a distance that nothing ends at a finger: down by increments, or above clearance by short steps.
+
+    Raises LimitError if it ends too deep in the known finger, StageError.
+    """
+    habits, left_mm = settings.habits, by_mm
+    if direction == DOWN:
+        speed_mm_s = min(speed_mm_s, settings.limits.max_press_speed_mm_s)
+        height_mm = stage.status().z_mm - by_mm - settings.frame.apex_z_mm
+        if stage.homed:
+            _refuse_depth(settings, height_mm)
+    if direction != UP:
+        memory.touched(KnownContact(unix_s=clock.unix_s()))
+    while left_mm > _TINY_MM:
+        most_mm = math.inf
+        if direction == DOWN:
+            height_mm = stage.status().z_mm - settings.frame.apex_z_mm
+            above_mm = height_mm - habits.clearance_mm if stage.homed else 0.0
+            most_mm = min(habits.descent_step_mm, above_mm) if above_mm > _TINY_MM else habits.increment_mm
+        jog(stage, clock, direction, min(left_mm, most_mm), speed_mm_s)
+        left_mm -= most_mm
+
+
+def _refuse_depth(settings: RigSettings, height_mm: float, check: str = "") -> None:
+    """Raise LimitError for a step to a height that is too deep in the known finger."""
+    deepest_mm = settings.limits.max_doi_mm
+    if height_mm < -deepest_mm - _TINY_MM:
+        raise LimitError(
+            f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {deepest_mm:g} mm; "
+            f"{check}nothing was moved",
+            "too_deep",
+        )

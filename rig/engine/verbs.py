@@ -2,8 +2,8 @@
 
 import math
 import statistics
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
@@ -64,7 +64,7 @@ def mount(engine: Engine, indentor: str) -> None:
 def home(engine: Engine) -> None:
     """Home the stage; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
-        raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", "tripped")
+        raise NotReadyError("home: not allowed after a trip; end this run, and home with the next one", "tripped")
     engine.touched.forget()
     engine.heartbeat.rest()  # Homing lifts first, and lasts longer than the heartbeat allows.
     controller = engine.guarded(engine.bench.stage.connect)
@@ -134,8 +134,13 @@ def zero(engine: Engine) -> None:
     from_mm = engine.height_mm
     if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
         engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
-    found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
-    if refused := refused_zero(sensing, found) or _changed_by_lift(engine):
+    found = sensing.take_zero(zero_readings_gwt(lambda: engine.reading(from_zero=False)))
+    refused = zero_noise_error(sensing, found)
+    if refused is None:
+        engine.lift(max(engine.height_mm + ZERO_LIFT_MM, settings.habits.clearance_mm))
+        change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
+        refused = zero_in_contact_error(change_gwt) if abs(change_gwt) >= sensing.touch_gwt else None
+    if refused is not None:
         sensing.zero = None
         engine.trip(refused)
     engine.memory.record_zero(sensing.lasting_zero)
@@ -156,7 +161,7 @@ def zero(engine: Engine) -> None:
         _descend(engine, max(from_mm, settings.habits.clearance_mm))
 
 
-def refused_zero(sensing: Sensing, zero: ForceZero) -> TripError | None:
+def zero_noise_error(sensing: Sensing, zero: ForceZero) -> TripError | None:
     """Return the error for a zero whose readings scatter more than those of a sensor in the air, else None."""
     most_gwt = NOISE_STEPS * sensing.resolution_gwt
     if zero.noise_gwt <= most_gwt:
@@ -169,20 +174,13 @@ def refused_zero(sensing: Sensing, zero: ForceZero) -> TripError | None:
     )
 
 
-def changed_zero(change_gwt: float) -> TripError:
+def zero_in_contact_error(change_gwt: float) -> TripError:
     """Return the error for a zero from which a lift has changed the force as a touch does."""
     return TripError(
         f"the force changed by {change_gwt:+.2f} gwt when the indentor was lifted by {ZERO_LIFT_MM:g} mm after "
         "the zero; the finger touches it, so keep the finger away and zero again",
         "zero_in_contact",
     )
-
-
-def _changed_by_lift(engine: Engine) -> TripError | None:
-    """Lift after a zero, and return the error if the force changes by a touch, else None."""
-    engine.lift(max(engine.height_mm + ZERO_LIFT_MM, engine.settings.habits.clearance_mm))
-    change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
-    return changed_zero(change_gwt) if abs(change_gwt) >= engine.sensing.touch_gwt else None
 
 
 def _drift_gwt(engine: Engine) -> float | None:
@@ -200,24 +198,23 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
                 f"move_to: {name} = {mm:g} mm is outside limits.{name}_mm = {low:g} … {high:g} mm", "outside_limits"
             )
     safe_point(engine)
-    with _counted_from_here(engine):
+    provisional = not engine.sensing.zeroed
+    if provisional:  # Before the first zero, forces count from readings at the present position.
+        engine.sensing.take_zero(zero_readings_gwt(lambda: engine.reading(from_zero=False)), provisional=True)
+    try:
         go_sideways(engine, x_mm, along_mm)
         _go_to_clearance(engine, engine.settings.habits.travel_speed_mm_s)
+    finally:
+        if provisional:
+            engine.sensing.zero = None
     engine.placed = True
     engine.record(MoveEvent(x_mm, along_mm, engine.height_mm))
 
 
-@contextmanager
-def _counted_from_here(engine: Engine) -> Iterator[None]:
-    """Before the first zero, count forces from readings at the present position."""
-    provisional = not engine.sensing.zeroed
-    if provisional:
-        engine.sensing.take_zero(zero_readings_gwt(engine.raw_reading), provisional=True)
-    try:
-        yield
-    finally:
-        if provisional:
-            engine.sensing.zero = None
+def guarded_sideways(engine: Engine) -> tuple[SidewaysLimit, Watch]:
+    """Return the speed of a motion sideways, and what ends it: a touch, and a reading that comes too late."""
+    limit = SidewaysLimit.of(engine.settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+    return limit, Watch(touch_ends_it=True, late_s=late_reading_s(engine.settings))
 
 
 def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float = math.inf) -> None:
@@ -227,15 +224,14 @@ def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float =
     longer than the way that the finger may be dragged. From the park height on, which no finger reaches, the stage
     has its travel speed.
     """
-    settings, habits = engine.settings, engine.settings.habits
-    limit = SidewaysLimit.of(settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+    habits = engine.settings.habits
+    limit, watch = guarded_sideways(engine)
     speed_mm_s, step_mm = limit.speed_mm_s, limit.in_contact_mm
     if engine.height_mm >= habits.park_height_mm - AT_MM:
         speed_mm_s, step_mm = habits.travel_speed_mm_s, habits.clearance_mm
     speed_mm_s = min(speed_mm_s, most_mm_s)
-    look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(settings)
+    look_s = min(engine.sensing.sensor.sample_period_s, LOOK_S)
     _refuse_contact_before_move(engine)
-    watch = Watch(touch_ends_it=True, late_s=late_s)
     while (
         engine.run_watched(lambda check: engine.motion.aside(x_mm, along_mm, speed_mm_s, check, look_s), watch)
         is not Outcome.ARRIVED

@@ -46,61 +46,43 @@ class WatchedMotion:
 
     def __call__(self) -> None:
         """Make the checks in order. Raises InterruptedMotionError, which brings the stage to rest."""
-        self._engine.beat()
-        self._end_by_stop()
-        reading = self._read()
-        if reading is None or self._engine.sensing.unloads(self._begun, reading.force_n / GWT_N):
-            return
-        for check in (
-            self._end_above_trip,
-            self._end_at_touch,
-            self._end_if_late,
-            self._end_by_reader,
-            self._end_for_pause,
-        ):
-            check(reading)
+        engine, watch, sensing = self._engine, self._watch, self._engine.sensing
+        engine.beat()
 
-    def _end_by_stop(self) -> None:
-        """A stop input ends every motion, and so does a computer that was suspended in contact."""
-        if problem := self._engine.stop_asked(at_rest=False):
+        # A stop input ends every motion, and so does a computer that was suspended in contact.
+        if problem := engine.stop_asked(at_rest=False):
             raise InterruptedMotionError(str(problem), problem.code)
 
-    def _read(self) -> ForceReading | None:
-        """A missing reading ends a motion, unless it leaves the finger, where nothing may hold the indentor."""
+        # A missing reading ends a motion, unless it leaves the finger, where nothing may hold the indentor.
         try:
-            reading = self._engine.sensing.read_in_motion(self._begun)
+            reading = sensing.read_in_motion(self._begun)
         except NoReadingError as error:
             if self._begun.away:
-                return None
+                return
             raise InterruptedMotionError(str(error), error.code) from error
-        self._engine.note_force(None if reading is None else reading.force_n / GWT_N)
-        return reading
+        force_gwt = None if reading is None else reading.force_n / GWT_N
+        engine.note_force(force_gwt)
 
-    def _end_above_trip(self, reading: ForceReading) -> None:
-        """Every force limit holds in every motion."""
-        force_gwt = reading.force_n / GWT_N
-        if passed := self._engine.trips.passed_any(force_gwt):
+        # A motion away from the finger goes on while the force does not grow, however large it is.
+        if reading is None or force_gwt is None or sensing.unloads(self._begun, force_gwt):
+            return
+
+        # Every force limit holds in every motion.
+        if passed := engine.trips.passed_any(force_gwt):
             raise InterruptedMotionError(f"{passed} while moving", passed.code, force_gwt)
 
-    def _end_at_touch(self, reading: ForceReading) -> None:
-        """A touch ends a motion that should meet no finger."""
-        force_gwt = reading.force_n / GWT_N
-        if self._watch.touch_ends_it and abs(force_gwt) >= self._engine.sensing.touch_gwt:
+        # A touch ends a motion that should meet no finger.
+        if watch.touch_ends_it and abs(force_gwt) >= sensing.touch_gwt:
             raise EndedMotionError(Outcome.TOUCHED, force_gwt)
 
-    def _end_if_late(self, reading: ForceReading) -> None:
-        """A late reading ends a motion that may go only so far without one."""
-        before_s, self._read_s = self._read_s, self._engine.clock.monotonic_s()
-        if self._read_s - before_s > self._watch.late_s:
-            raise EndedMotionError(Outcome.LATE, reading.force_n / GWT_N)
+        # A late reading ends a motion that may go only so far without one.
+        before_s, self._read_s = self._read_s, engine.clock.monotonic_s()
+        if self._read_s - before_s > watch.late_s:
+            raise EndedMotionError(Outcome.LATE, force_gwt)
 
-    def _end_by_reader(self, reading: ForceReading) -> None:
-        """Who receives the readings may end the motion."""
-        if self._watch.on_reading is not None:
-            self._watch.on_reading(reading)
-
-    def _end_for_pause(self, reading: ForceReading) -> None:
-        """A pause, or the end of the contact time, ends a motion in contact whose readings are received."""
-        engine = self._engine
-        if self._watch.on_reading is not None and (engine.contact_time.over or engine.bench.operator.pause.asked()):
-            raise EndedMotionError(Outcome.PAUSED, reading.force_n / GWT_N)
+        # The receiver of the readings may end the motion; where there is one, so may a pause, and the end of the
+        # contact time.
+        if watch.on_reading is not None:
+            watch.on_reading(reading)
+            if engine.contact_time.over or engine.bench.operator.pause.asked():
+                raise EndedMotionError(Outcome.PAUSED, force_gwt)

@@ -13,7 +13,7 @@ from rig.records import BETWEEN_INCREMENTS_S
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.errors import ModelRangeError
-from sim.identification.next_press import Chooser, PressAt, SkinSearch, highest_gwt
+from sim.identification.next_press import PressAt, PressSelector, SkinSearch, highest_gwt
 from sim.identification.posterior import PRESS_ERROR, SHAPE_ERROR, Surprise, learn, no_finger, nothing_learned
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces, RampAndHold
 from sim.identification.prior import named
@@ -95,7 +95,7 @@ class Identification:
         pace = RampAndHold(habits.increment_mm, habits.increment_mm / habits.press_speed_mm_s + BETWEEN_INCREMENTS_S)
         self._menu = [PressAt(s, x, d) for s in self.options.shapes for x in PLACES_MM for d in self._depths_mm(s)]
         search = SkinSearch(self.settings.limits.search_mm - habits.increment_mm, habits.touch_force_gwt)
-        self.chooser = Chooser(self.predicted, self.options.goals, pace, search)
+        self.chooser = PressSelector(self.predicted, self.options.goals, pace, search)
         for goal in self.options.goals:
             if goal.doi_mm > self._deepest_mm(goal.indentor):
                 raise ModelRangeError(

@@ -14,9 +14,9 @@ from rig.engine.limits import CONTACT_EXPONENT, FingerStiffness, Trips
 from rig.identify.adaptive_presses import Identification, PressReport
 from rig.identify.press_record import measured_press
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.script import Script
-from rig.protocol.steps import Owed, Step
+from rig.protocol.steps import ResumeRule, Step
 from sim.identification.next_press import PressAt
 
 
@@ -31,13 +31,13 @@ class LimitPress(Step[None, None]):
     """Set the soft trip (N) of the next press, and the highest likely stiffness under it."""
 
     verb: ClassVar[str] = "limit_press"
-    owed: ClassVar[Owed] = Owed.LAST
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST
 
     soft_trip_n: float | None
     stiffness: FingerStiffness
 
-    def check(self, walk: Walk) -> Spot:
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        return state.place()
 
     def execute(self, engine: Engine, expected: None) -> None:
         engine.trips = Trips(engine.settings.limits, self.soft_trip_n)

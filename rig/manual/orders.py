@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rig.clock import Clock
 from rig.devices.base import Axis
-from rig.engine.jog import Direction
+from rig.engine.motion import Direction
 from rig.engine.steps import MOST_MM
 from rig.errors import LimitError, NotReadyError, first_problem
 
@@ -74,7 +74,7 @@ class Orders:
 
     # --- called by any thread ---
 
-    def do(self, order: Order) -> None:
+    def take(self, order: Order) -> None:
         """Take an order. Raises NotReadyError while another one is carried out, or after a stop."""
         with self._lock:
             if self.stopped and order != "home":
@@ -95,7 +95,7 @@ class Orders:
 
     # --- called by the moving thread ---
 
-    def next(self) -> Order | None:
+    def begin_next(self) -> Order | None:
         """Return the next order; drop a step that had to wait, since nobody expects it any more."""
         with self._lock:
             late = self._clock.monotonic_s() - self._taken_s > LATE_S
@@ -103,12 +103,12 @@ class Orders:
             self._doing, self._next, self._stopped_since = order, None, False
             return order
 
-    def over(self) -> None:
+    def end(self) -> None:
         """Mark the present order as ended."""
         with self._lock:
             self._doing = None
 
-    def homed(self) -> None:
+    def clear_stop(self) -> None:
         """Clear a stop after homing, unless it came during the homing."""
         with self._lock:
             self.stopped = self._stopped_since

@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from rig.control.stop import answer_to_a_stop
-from rig.devices.base import ForceReading, Stage, StageError, StageStatus, is_held
+from rig.devices.base import Stage, StageError, is_held
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import LastKnown
 from rig.engine.sensing import NoReadingError
@@ -38,7 +38,7 @@ def manual_answers(orders: Orders, status: ManualStatus, stage: Stage, gate: Sto
 
     def ordered(order: Callable[[Request], Order]) -> Callable[[Request], Mapping[str, Any]]:
         def taken(request: Request) -> Mapping[str, Any]:
-            orders.do(order(request))
+            orders.take(order(request))
             return {}
 
         return taken
@@ -82,7 +82,11 @@ class ManualOwner:
         self._gate, self._log, self._known = gate, log, known
         self._clock, self._stage = bench.clock, bench.stage
         self._session = ManualSession(
-            settings, bench, known, self._heard, lambda problem: self._status.unread(problem)
+            settings,
+            bench,
+            known,
+            lambda at, reading: self._status.record_reading(at, reading),
+            lambda problem: self._status.record_sensor_problem(problem),
         )
         self._orders, self._status = Orders(bench.clock), ManualStatus(settings, bench.clock, self._session.sensing)
         self.answers = manual_answers(self._orders, self._status, bench.stage, gate)
@@ -124,7 +128,7 @@ class ManualOwner:
             if not self._gate.open():
                 self._clock.wait_s(_GATE_S)
                 return
-        order = self._orders.next()
+        order = self._orders.begin_next()
         if order is None:
             self._poll()
         else:
@@ -134,23 +138,23 @@ class ManualOwner:
         begun_s, self._status.ended_by = self._clock.monotonic_s(), None
         self._status.did = order if isinstance(order, str) else "step"
         try:
-            ended_by = self._done(order)
+            ended_by = self._execute(order)
         except (*ENDINGS, BadInputError) as error:
             ended_by = str(error)
             self._lost = self._lost or (isinstance(error, StageError | TransportError) and not self._session.homed)
         self._status.ended_by = STOPPED if self._gate.closed else ended_by
         self._status.contact = self._session.memory.read().contact
         self._show()
-        self._orders.over()
+        self._orders.end()
         self._note(order, begun_s)
 
-    def _done(self, order: Order) -> str | None:
+    def _execute(self, order: Order) -> str | None:
         """Carry out an order, and return what ended it early."""
         session = self._session
         if order == "home":
-            self._status.seen(None, homed=False)
+            self._status.record_stage(None, homed=False)
             session.home()
-            self._orders.homed()
+            self._orders.clear_stop()
             self._lost = False
         elif order == "zero":
             session.zero()
@@ -185,16 +189,13 @@ class ManualOwner:
                 self._lost = False
         except StageError as error:
             self._lost = self._lost or not self._session.homed
-            self._status.unseen(str(error), homed=not self._lost)
+            self._status.record_stage_problem(str(error), homed=not self._lost)
         except TransportError:
             if not self._gate.closed:
                 raise
 
-    def _heard(self, at: StageStatus | None, reading: ForceReading) -> None:
-        self._status.read(at, reading)
-
     def _show(self) -> None:
-        self._status.seen(self._session.at, homed=self._session.homed and not self._lost)
+        self._status.record_stage(self._session.at, homed=self._session.homed and not self._lost)
         self._status.zeroed, self._status.tripped = self._session.sensing.absolute, self._session.tripped
 
     def _note(self, done: Order, begun_s: float) -> None:

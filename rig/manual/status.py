@@ -63,7 +63,7 @@ class Backlog:
         }
 
 
-NOT_FELT = "nothing moves while the force sensor does not answer"
+NO_FORCE = "nothing moves while the force sensor does not answer"
 IN_STEPS = "not homed: heights are unknown, and a step down is made of single increments; home the stage"
 ZERO_FIRST = (
     "not zeroed: forces count from the reading before the first motion; zero the sensor while nothing touches it"
@@ -91,26 +91,25 @@ class ManualStatus:
 
     # --- written by one thread ---
 
-    def seen(self, at: StageStatus | None, *, homed: bool) -> None:
+    def record_stage(self, at: StageStatus | None, *, homed: bool) -> None:
         """Record the stage's status, None if it does not report, and whether heights are known."""
         with self._lock:
             self._at, self._homed = at, homed
             self._seen_unix_s, self._looked_s = self._clock.unix_s(), self._clock.monotonic_s()
             self._problems["stage"] = None
 
-    def unseen(self, problem: str, *, homed: bool) -> None:
+    def record_stage_problem(self, problem: str, *, homed: bool) -> None:
         """Record a failure of the stage."""
         self._problems["stage"], self._homed = problem, homed
 
-    def read(self, at: StageStatus | None, reading: ForceReading) -> None:
+    def record_reading(self, at: StageStatus | None, reading: ForceReading) -> None:
         """Record a raw reading, and where the stage was by its last report."""
         if self._at is not None and at not in (None, self._at):
-            self.seen(at, homed=self._homed)
+            self.record_stage(at, homed=self._homed)
         if not math.isfinite(reading.force_n):
-            self.unread(f"the force reading is {reading.force_n}, not a number")
+            self.record_sensor_problem(f"the force reading is {reading.force_n}, not a number")
             return
-        zero = self._sensing.zero
-        force_gwt = (reading if zero is None else zero.without_offset(reading)).force_n / GWT_N
+        force_gwt = self._sensing.from_zero(reading).force_n / GWT_N
         unix_s = self._clock.unix_s() - (self._clock.monotonic_s() - reading.t_s)
         t_s = round(self._clock.run_s(reading.t_s), 3)
         with self._lock:
@@ -128,7 +127,7 @@ class ManualStatus:
         while len(self._recent) > 1 and read_s - self._recent[1][0] >= APART_S:
             self._recent.popleft()
 
-    def unread(self, problem: str) -> None:
+    def record_sensor_problem(self, problem: str) -> None:
         """Record a failure of the sensor."""
         with self._lock:
             self._problems["force"] = problem
@@ -193,7 +192,7 @@ class ManualStatus:
         if stopped:
             return HOME_FIRST
         if self._problems["force"] is not None:
-            return NOT_FELT
+            return NO_FORCE
         if self.tripped:
             return HOME_FIRST
         if not self._homed:

@@ -1,6 +1,5 @@
 """Manual control of a stage whose force sensor does not work: bounded jogs that nothing ends at a finger."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -8,12 +7,10 @@ from rig.clock import Clock
 from rig.devices.base import Axis, Stage, StageStatus
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact, contact_at
-from rig.engine.jog import DOWN, UP, Direction, jog
-from rig.engine.steps import StepEnd
+from rig.engine.motion import Direction
+from rig.engine.steps import StepEnd, step_without_force
 from rig.errors import LimitError
 from rig.settings import RigSettings
-
-_TINY_MM = 1e-6
 
 
 class SessionWithoutForce:
@@ -43,26 +40,8 @@ class SessionWithoutForce:
 
     def step(self, direction: Direction, by_mm: float, speed_mm_s: float) -> StepEnd:
         """Jog by a distance. Raises LimitError if it ends too deep in the known finger, StageError."""
-        self._refuse_depth(direction, by_mm)
-        if direction != UP:
-            self.memory.touched(KnownContact(unix_s=self._clock.unix_s()))
-        limits, left_mm = self._settings.limits, by_mm
-        if direction == DOWN:
-            speed_mm_s = min(speed_mm_s, limits.max_press_speed_mm_s)
-        while left_mm > _TINY_MM:
-            part_mm = min(left_mm, self._longest_mm(direction))
-            jog(self._stage, self._clock, direction, part_mm, speed_mm_s)
-            left_mm -= part_mm
+        step_without_force(self._settings, self._stage, self._clock, self.memory, direction, by_mm, speed_mm_s)
         return self.contact()
-
-    def _longest_mm(self, direction: Direction) -> float:
-        """Return the longest jog (mm): down it is an increment, or above clearance a step of the descent."""
-        if direction != DOWN:
-            return math.inf
-        habits = self._settings.habits
-        height_mm = self._stage.status().z_mm - self._settings.frame.apex_z_mm
-        above_mm = height_mm - habits.clearance_mm if self._stage.homed else 0.0
-        return min(habits.descent_step_mm, above_mm) if above_mm > _TINY_MM else habits.increment_mm
 
     def contact(self) -> StepEnd:
         """Return what the position alone shows of contact. Raises StageError."""
@@ -85,13 +64,3 @@ class SessionWithoutForce:
     def park(self) -> StepEnd:
         """Refuse: a step up does the same."""
         raise LimitError("park: not possible without the force sensor; step up instead", "not_felt")
-
-    def _refuse_depth(self, direction: Direction, by_mm: float) -> None:
-        deepest_mm = self._settings.limits.max_doi_mm
-        height_mm = self._stage.status().z_mm - by_mm - self._settings.frame.apex_z_mm
-        if self._stage.homed and direction == DOWN and height_mm < -deepest_mm - _TINY_MM:
-            raise LimitError(
-                f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {deepest_mm:g} mm; "
-                "nothing was moved",
-                "too_deep",
-            )

@@ -169,8 +169,12 @@ class FingerModel:
         identified: IdentifiedFinger | None = None,
     ) -> None:
         """Prepare predictions. identified: result of the identification, if the finger was identified."""
-        self._finger, self._kept, self._where, self._identified = finger, kept, where, identified
+        self.finger, self._kept, self._where, self._identified = finger, kept, where, identified
         self._shapes: dict[str, Indentor] = {}
+
+    def learn(self, predictions: Predictions) -> None:
+        """Take over predictions, which are not solved again."""
+        self._kept.update(predictions)
 
     def refuse_shape(self, indentor: str) -> None:
         """Raise ShapeError if this is not the name of an indentor."""
@@ -193,7 +197,7 @@ class FingerModel:
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
         """Return the height of the indentor at first touch above the nominal apex (mm)."""
-        return asked(self._finger, _touch_height_mm, self._shape(indentor), x_mm, along_mm)
+        return asked(self.finger, _touch_height_mm, self._shape(indentor), x_mm, along_mm)
 
     def _shape(self, indentor: str) -> Indentor:
         if indentor not in self._shapes:
@@ -201,10 +205,10 @@ class FingerModel:
         return self._shapes[indentor]
 
     def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        return asked(self._finger, _predicted, self._shape(indentor), RequestedPress(indentor, x_mm, target))
+        return asked(self.finger, _predicted, self._shape(indentor), RequestedPress(indentor, x_mm, target))
 
     def _with_band(self, found: Prediction, pace: Pace, identified: IdentifiedFinger) -> Prediction:
-        return asked(self._finger, _with_band, found, self._shape(found.indentor), pace, identified)
+        return asked(self.finger, _with_band, found, self._shape(found.indentor), pace, identified)
 
 
 class RequestedPress(NamedTuple):

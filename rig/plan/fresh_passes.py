@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from rig.plan.config import Config, config_from
 from rig.protocol.api import Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.script import Script, script_with
 from rig.protocol.steps import Step
 from rig_shared.errors import code_of
@@ -25,11 +25,25 @@ _LONGEST_S = 60.0
 
 
 class StepDifference(NamedTuple):
-    """First step in which two passes differ: its number, and the step in each, in words."""
+    """First step in which two passes differ: its number, and the step in each, in words.
+
+    `kept` is whether passes differ within a process and not between processes: something outlasts a pass.
+    """
 
     number: int
     one: str
     other: str
+    kept: bool = False
+
+    @property
+    def remedy(self) -> str:
+        """What to change in the script."""
+        if self.kept:
+            return (
+                "a module that does not lie beside the script keeps a generator, counter or list from one pass to "
+                "the next; make or seed it in run(rig), or put the module beside the script"
+            )
+        return "seed what is random (random.Random(7).shuffle), sort what is a set"
 
 
 def find_difference(
@@ -45,16 +59,22 @@ def find_difference(
     order = pickle.dumps((str(script.path), script.name, script.given, tables, answers))
     with contextlib.ExitStack() as running:
         processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
+        passes = [_passes(process, order) for process in processes]
         for process in processes:
-            try:
-                passes = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
-            except (subprocess.TimeoutExpired, ValueError):
-                passes = [["no end of the pass"]]
-            if (found := next(filter(None, (_first(here, there) for there in passes)), None)) is not None:
-                for other in processes:
-                    other.kill()
-                return found
-    return None
+            process.kill()
+    found = next(filter(None, (_first(here, there) for some in passes for there in some)), None)
+    first, *others = passes
+    kept = all(some == first for some in others) and any(one != first[0] for one in first)
+    return None if found is None else found._replace(kept=kept)
+
+
+def _passes(process: subprocess.Popen[bytes], order: bytes) -> list[list[str]]:
+    """Return the steps of each pass in a process, in words."""
+    try:
+        found: list[list[str]] = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
+    except (subprocess.TimeoutExpired, ValueError):
+        return [["no end of the pass"]]
+    return found
 
 
 def _pass(hash_seed: str) -> subprocess.Popen[bytes]:
@@ -71,7 +91,7 @@ def _first(here: list[str], there: list[str]) -> StepDifference | None:
 
 def in_words(step: Step[Any, Any]) -> str:
     """Return a step as the call of its verb."""
-    values = {field.name: getattr(step, field.name) for field in fields(step)}
+    values = {field.name: getattr(step, field.name) for field in fields(step) if field.repr}
     return f"{step.verb}({', '.join(f'{name}={value!r}' for name, value in values.items() if value is not None)})"
 
 
@@ -95,7 +115,7 @@ class _Replay:
         self._answers = answers
         self.steps: list[str] = []
 
-    def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
+    def handle(self, step: Step[Any, Any], place: PressPlace) -> Any:
         self.steps.append(in_words(step))
         number = len(self.steps) - 1
         return self._answers[number] if number < len(self._answers) else None
@@ -111,7 +131,7 @@ def main() -> None:
             passes.append(replay.steps)
             try:
                 script = script_with(Path(path), name, parameters)
-                script.run(Rig(script.parameters, Walk(config, _AnyModel()), replay))
+                script.run(Rig(script.parameters, ScriptState(config, _AnyModel()), replay))
             except (Exception, SystemExit) as error:
                 replay.steps.append(f"an error ({code_of(error)}): {error}")
     print(json.dumps(passes))

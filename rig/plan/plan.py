@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -11,16 +11,17 @@ from typing import Any, TypeVar
 
 from rig.data import Run
 from rig.data.folder import PLAN
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, pressure_limit_gwt
-from rig.errors import BadInputError
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, pressure_limit_gwt
+from rig.errors import BadInputError, RigError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_file, with_stored_file
+from rig.plan.sample_age import SampleAge
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
-from rig.protocol.same_steps import Asked, SamePlan, planned_step, read_plan
+from rig.protocol.same_steps import SamePlan, planned_step, read_plan
 from rig.protocol.script import Script, script_error
-from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
+from rig.protocol.steps import Asked, ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
 from rig_shared.user_files import read_bytes
@@ -36,7 +37,7 @@ SOFT_TRIP_OVER_BAND = 1.25
 """Soft trip over the band of an identified finger: allows only for noise and the bench."""
 
 SMALLEST_SOFT_TRIP_N = 0.02
-_REFUSALS = (BadInputError, ShapeError, ModelRangeError, SilentScriptError)
+_REFUSALS = (RigError, ShapeError, ModelRangeError, SilentScriptError)
 
 
 def _nothing_yet() -> dict[Purpose, list[PlannedIndentation]]:
@@ -56,6 +57,7 @@ class Plan:
     predictions: Predictions = field(default_factory=dict)
     first_soft_trip_n: float | None = None
     differences: list[str] = field(default_factory=list)
+    allowed: list[PlannedIndentation] = field(default_factory=list)  # presses that the script may choose instead
     steps: list[tuple[Step[Any, Any], Any]] = field(default_factory=list)  # with the predicted answers
     asked: list[Asked] = field(default_factory=list)  # what a run stores of its steps
     shape_files: dict[str, bytes] = field(default_factory=dict)  # content, by the names of their copies
@@ -69,8 +71,8 @@ class Plan:
 
     @property
     def all_presses(self) -> list[PlannedIndentation]:
-        """All presses, data or not."""
-        return [planned for presses in self.presses.values() for planned in presses]
+        """All presses, data or not, and those that the script may choose instead."""
+        return [planned for presses in self.presses.values() for planned in presses] + self.allowed
 
     @property
     def peak_force_gwt(self) -> float:
@@ -95,14 +97,12 @@ def make_plan(
     folder: Path | None = None,
     on_step: Callable[[int], None] = lambda steps: None,
     known: Predictions | None = None,
-    least_trip_n: float = 0.0,
 ) -> Plan:
     """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
     before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
     copies of shape files are used, and whose plan must be the same. on_step: called with the number of steps so far.
-    known: predictions that are not solved again; further ones are added. least_trip_n: soft trip (N) of the presses
-    that an adaptive run may choose.
+    known: predictions that are not solved again; further ones are added.
     """
     if inspect.iscoroutinefunction(script.run):
         raise BadInputError(
@@ -115,26 +115,26 @@ def make_plan(
         whole = make_plan(script, config, finger, folder=folder, on_step=on_step, known=plan.predictions)
         plan.differences = whole.differences
         if not before.is_checked:
-            _refuse_other_trip(before, max(whole.soft_trip_n, least_trip_n))
+            _refuse_other_trip(before, whole.soft_trip_n)
         same = None
     where = partial(_kept, plan, script.path.parent) if folder is None else partial(with_stored_file, folder)
-    walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
+    state = ScriptState(config, FingerModel(finger, plan.predictions, where, config.identified))
     compared: list[SamePlan | ResumeHandler] = [] if same is None else [same]
-    planner: Handler = Planner(walk, plan, same)
+    planner: Handler = Planner(state, plan, same)
     if before is not None and first_soft_trip_n is not None:
         planner = ResumeHandler(before, planner, config.habits.press_speed_mm_s)
         compared.append(planner)
     try:
         fresh = script.fresh()
         with impatient():
-            fresh.run(Rig(fresh.parameters, walk, Patience(planner, on_step)))
+            fresh.run(Rig(fresh.parameters, state, Patience(planner, on_step)))
         for one in compared:
             one.end()
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
         raise script_error(BadInputError, script.path, error, _REFUSALS) from None
-    if not walk.pressed["data"]:
+    if not state.pressed["data"]:
         raise BadInputError(
             f"protocol {script.path}: run(rig) makes no indentation; call rig.indent() at least once",
             "indents_nowhere",
@@ -218,30 +218,36 @@ class Planner:
     same: plan of the run when it began, with which each step is compared.
     """
 
-    def __init__(self, walk: Walk, plan: Plan, same: SamePlan | None = None) -> None:
-        self._walk, self._plan, self._same = walk, plan, same
+    def __init__(self, state: ScriptState, plan: Plan, same: SamePlan | None = None) -> None:
+        self._state, self._plan, self._same = state, plan, same
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Return the predicted answer. Raises BadInputError for another step than that of the run's plan."""
-        asked = planned_step(step, spot, self._walk.settings.habits.press_speed_mm_s)
+        asked = planned_step(step, place, self._state.settings.habits.press_speed_mm_s)
         if asked is not None:
             self._plan.asked.append(asked)
             if self._same is not None:
                 self._same.compare(asked)
-        expected = step.expect(spot, self._walk)
+        expected = step.expect(place, self._state)
         if isinstance(expected, ExpectedPresses):
             for press in expected.ids:
                 self._plan.presses[press.purpose].append(expected.planned)
-            ramps, speed_mm_s = expected.planned.ramp_mm_s is not None, self._walk.settings.habits.press_speed_mm_s
+            ramps, speed_mm_s = expected.planned.ramp_mm_s is not None, self._state.settings.habits.press_speed_mm_s
             own_mm_s = None if ramps else getattr(step, "speed_mm_s", None)  # A ramp may begin with a press.
             self._plan.speeds_mm_s.append((own_mm_s or speed_mm_s, expected.planned))
         elif isinstance(expected, ExpectedTouch):
             self._plan.touches.append(expected)
         elif isinstance(step, Mount):
             self._plan.mounts.append(step.indentor)
+        self._allow(step.allowed_presses(expected))
         answer = step.foreseen(expected)
         self._plan.steps.append((step, answer))
         return answer
+
+    def _allow(self, presses: Sequence[PlannedIndentation]) -> None:
+        """Add the presses that the script may choose."""
+        self._plan.allowed += presses
+        self._plan.speeds_mm_s += [(self._state.settings.habits.press_speed_mm_s, press) for press in presses]
 
 
 _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "reference": "reference_"}

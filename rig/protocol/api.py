@@ -4,12 +4,13 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, field_validator
 
 from rig.protocol import steps
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import Step
 from rig.protocol.turns import Turns
+from rig_shared.number_text import read_number
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -32,11 +33,19 @@ class ProtocolParameters(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
 
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _plain_numbers(cls, value: Any, validated: Callable[[Any], Any]) -> Any:
+        found = validated(value)
+        if isinstance(value, str) and isinstance(found, int | float) and not isinstance(found, bool):
+            read_number(value)
+        return found
+
 
 class Handler(Protocol):
     """Receiver of checked steps, which plans, executes or rehearses them, or answers from a journal."""
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Return the step's answer to the script."""
 
 
@@ -72,7 +81,7 @@ class Rig:
     ----------
     parameters : ProtocolParameters
         The script's own `Parameters`.
-    walk : Walk
+    state : ScriptState
         State of the script while it is checked.
     handler : Handler
         What receives the checked steps.
@@ -90,8 +99,8 @@ class Rig:
     ...     rig.indent(force_gwt=rig.parameters.force_gwt, hold_s=1.0)
     """
 
-    def __init__(self, parameters: ProtocolParameters, walk: Walk, handler: Handler) -> None:
-        self._parameters, self._walk, self._handler = parameters, walk, handler
+    def __init__(self, parameters: ProtocolParameters, state: ScriptState, handler: Handler) -> None:
+        self._parameters, self._state, self._handler = parameters, state, handler
         self._turns = Turns()
 
     @property
@@ -109,7 +118,7 @@ class Rig:
         marks : mapping of str to object
             Values of `block`, `repeat` and `condition`; those that are left out are cleared.
         """
-        self._walk.marks = {name: value for name, value in marks.items() if value is not None}
+        self._state.marks = {name: value for name, value in marks.items() if value is not None}
 
     def do(self, step: Step[E, A]) -> A:
         """Carry out a step, or plan it, and return its answer; the verbs below do so with theirs.
@@ -130,7 +139,7 @@ class Rig:
             If the step is not allowed here, or beyond a limit.
         """
         with self._turns.verb(step.verb):
-            return self._handler.handle(step, step.check(self._walk))
+            return self._handler.handle(step, step.check(self._state))
 
     mount = _method(steps.Mount)
     home = _method(steps.Home)

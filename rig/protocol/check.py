@@ -40,7 +40,7 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True)
-class Spot:
+class PressPlace:
     """Indentor and position of a step, the numbers of its presses, and its place in a schedule."""
 
     indentor: str
@@ -50,7 +50,7 @@ class Spot:
     marks: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Walk:
+class ScriptState:
     """State of a script that the next step depends on; each pass over a script has its own."""
 
     def __init__(self, settings: RigSettings, model: Model) -> None:
@@ -86,13 +86,13 @@ class Walk:
                 "held_too_long",
             )
 
-    def spot(self, purpose: Purpose = "data", presses: int = 0) -> Spot:
+    def place(self, purpose: Purpose = "data", presses: int = 0) -> PressPlace:
         """Return the present position, and the next numbers of that many presses."""
         first = self.pressed[purpose]
         self.pressed[purpose] += presses
         marks = {} if purpose == "find" else self.marks
         ids = tuple(PressId(first + n, purpose, marks) for n in range(presses))
-        return Spot(self.indentor or "", self.x_mm, self.along_mm, ids, self.marks)
+        return PressPlace(self.indentor or "", self.x_mm, self.along_mm, ids, self.marks)
 
 
 _MAX_COUNT = 100

@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -12,9 +13,9 @@ from typing import Any, TypeVar
 
 from rig.errors import BadInputError
 from rig.protocol.api import Handler
-from rig.protocol.check import Spot
+from rig.protocol.check import PressPlace
 from rig.protocol.same_steps import SameSteps
-from rig.protocol.steps import Journalled, Mount, Owed, Step, Zero
+from rig.protocol.steps import Journalled, Mount, ResumeRule, Step, Zero
 from rig.protocol.turns import script_under_way
 
 E = TypeVar("E")
@@ -24,37 +25,37 @@ A = TypeVar("A")
 class ResumeHandler:
     """Handler of a resumed run: passes on the missing steps, and the earlier steps that they need.
 
-    The journal answers for a finished press. What a step before the next missing press still requires (`Step.owed`)
-    is passed on only when that press comes, at the spot where the script made the step. A step that differs from the
-    journal is refused. `press_mm_s` is the speed of a press that names none.
+    The journal answers for a finished press. A step before the next missing press that is still required
+    (`Step.on_resume`) is passed on only when that press comes, at the place where the script made it. A step that is
+    not that of the journal is refused. `press_mm_s` is the speed of a press that names none.
     """
 
     def __init__(self, before: Journalled, then: Handler, press_mm_s: float) -> None:
         self._before, self._then, self._press_mm_s = before, then, press_mm_s
         self._same = SameSteps(before)
         self._answers: dict[type[Step[Any, Any]], dict[int, Any]] = {}
-        self._written: dict[str, int] = {}
-        self._owed: dict[str, tuple[Step[Any, Any], Spot]] = {}
+        self._asked: Counter[str] = Counter()
+        self._pending: dict[str, tuple[Step[Any, Any], PressPlace]] = {}
         self._last_done = max(before.done, default=-1)
         self._behind = True  # until the first missing indentation after the last one that is done
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Return the step's answer, from the journal or from `then`. Raises BadInputError for another press."""
-        self._same.compare(step, spot, self._press_mm_s)
-        if step.owed is Owed.ANSWER:
-            return self._answer(step, spot)
+        self._same.compare(step, place, self._press_mm_s)
+        if step.on_resume is ResumeRule.ANSWER:
+            return self._answer(step, place)
         if not self._behind:
-            return self._then.handle(step, spot)
-        if step.owed is Owed.ONCE and self._is_new(step):
-            return self._then.handle(step, spot)
+            return self._then.handle(step, place)
+        if step.on_resume is ResumeRule.ONCE:
+            return self._once(step, place)
         if step.verb == Mount.verb:
-            self._drop(Owed.LAST_OF_INDENTOR)
-        if step.owed in (Owed.LAST, Owed.LAST_OF_INDENTOR, Owed.LAST_IF_NEXT):
-            # Owed presses need the zero before them; one after them is owed beside it.
-            pressing = any(one.owed is Owed.LAST_OF_INDENTOR for one, _ in self._owed.values())
+            self._drop(ResumeRule.LAST_OF_INDENTOR)
+        if step.on_resume in (ResumeRule.LAST, ResumeRule.LAST_OF_INDENTOR, ResumeRule.LAST_IF_NEXT):
+            # Pending presses need the zero before them; one after them is pending beside it.
+            pressing = any(one.on_resume is ResumeRule.LAST_OF_INDENTOR for one, _ in self._pending.values())
             key = f"{step.verb} after presses" if step.verb == Zero.verb and pressing else step.verb
-            self._owed.pop(key, None)
-            self._owed[key] = step, spot
+            self._pending.pop(key, None)
+            self._pending[key] = step, place
         return None  # type: ignore[return-value]
 
     @property
@@ -66,31 +67,35 @@ class ResumeHandler:
         """Raise the refusal of a step that a script caught."""
         self._same.end()
 
-    def _answer(self, step: Step[E, A], spot: Spot) -> A:
-        (press,) = spot.ids
-        if type(step) not in self._answers:
-            self._answers[type(step)] = step.answers(self._before)
-        answers: dict[int, A] = self._answers[type(step)]
-        data = press.purpose == "data"
+    def _answer(self, step: Step[E, A], place: PressPlace) -> A:
+        (press,) = place.ids
+        answers, data = self._recorded_answers(step), press.purpose == "data"
         if press.index in answers:
             if data:
-                self._drop(Owed.LAST_IF_NEXT)
+                self._drop(ResumeRule.LAST_IF_NEXT)
             return answers[press.index]
-        owed, self._owed = self._owed, {}
-        for step_owed, where in owed.values():
-            self._then.handle(step_owed, where)
+        pending, self._pending = self._pending, {}
+        for earlier, where in pending.values():
+            self._then.handle(earlier, where)
         if data:
             self._behind = press.index < self._last_done
-        return self._then.handle(step, spot)
+        return self._then.handle(step, place)
 
-    def _drop(self, owed: Owed) -> None:
-        self._owed = {verb: one for verb, one in self._owed.items() if one[0].owed is not owed}
+    def _drop(self, rule: ResumeRule) -> None:
+        self._pending = {verb: one for verb, one in self._pending.items() if one[0].on_resume is not rule}
 
-    def _is_new(self, step: Step[Any, Any]) -> bool:
-        """Return whether the journal lacks the step; it has the first ones of each verb, in order."""
-        left = self._written.setdefault(step.verb, len(self._before.stream(step.verb)))
-        self._written[step.verb] = left - 1
-        return left <= 0
+    def _once(self, step: Step[E, A], place: PressPlace) -> A:
+        """Answer a step that is journalled once; the journal has the first ones of each verb, in order."""
+        index = self._asked[step.verb]
+        self._asked[step.verb] += 1
+        if index >= len(self._before.stream(step.verb)):
+            return self._then.handle(step, place)
+        return self._recorded_answers(step).get(index)  # type: ignore[return-value]
+
+    def _recorded_answers(self, step: Step[E, A]) -> dict[int, A]:
+        if type(step) not in self._answers:
+            self._answers[type(step)] = step.answers(self._before)
+        return self._answers[type(step)]
 
 
 MOST_STEPS = 10_000
@@ -118,7 +123,7 @@ class Patience:
         self._then, self._on_step = then, on_step
         self._steps = 0
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Return the answer of `then`. Raises BadInputError beyond MOST_STEPS."""
         self._steps += 1
         self._on_step(self._steps)
@@ -128,7 +133,7 @@ class Patience:
             )
         _alarm_in(0.0)
         try:
-            return self._then.handle(step, spot)
+            return self._then.handle(step, place)
         finally:
             _alarm_in(LONGEST_SILENCE_S)
 

@@ -2,33 +2,17 @@
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from rig.errors import BadInputError
-from rig.protocol.check import Spot
-from rig.protocol.steps import (
-    Checkpoint,
-    Indent,
-    Journalled,
-    Mount,
-    MoveTo,
-    Note,
-    Precondition,
-    PressStep,
-    Ramp,
-    Reference,
-    Rest,
-    Step,
-)
-from rig.records import PressId, Purpose
+from rig.protocol.check import PressPlace
+from rig.protocol.steps import Asked, Journalled, Note, Ramp, Rest, Step
+from rig.records import Purpose
 from rig_shared.user_files import json_of, read_bytes
-
-Asked = Mapping[str, Any]
-"""What a step asks for: verb, indentor, position, target, motion, and place in the schedule."""
 
 _ALIKE = 1e-3
 """Largest difference of equal numbers (mm, gwt, s): a script may compute with answers, which the journal rounds."""
@@ -75,17 +59,16 @@ class SameSteps(_Comparison):
         self._notes = [str(event.get("text", "")) for event in before.stream("note")]
         self._rests_s = [float(event["rest_s"]) for event in before.stream("rest") if "rest_s" in event]
 
-    def compare(self, step: Step[Any, Any], spot: Spot, press_mm_s: float) -> None:
+    def compare(self, step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> None:
         """Compare a step; raise BadInputError for another press, and list another note or rest.
 
         press_mm_s: speed of a press that names none.
         """
         with self._for_good():
-            for press in spot.ids:
-                recorded = self._recorded.get((press.purpose, press.index))
-                if recorded is not None:
-                    name = _press(press.purpose, press.index)
-                    _refuse_other(recorded, asked_of(step, spot, press, press_mm_s), name)
+            for press in place.ids:
+                recorded, asked = self._recorded.get((press.purpose, press.index)), step.asked(place, press_mm_s)
+                if recorded is not None and asked is not None:
+                    _refuse_other(recorded, asked, _press(press.purpose, press.index))
         if isinstance(step, Note) and self._notes:
             was = self._notes.pop(0)
             if was != step.text:
@@ -133,21 +116,14 @@ class SamePlan(_Comparison):
             self.differences += [f"{verb}: none, where the run has {_said(was)}" for was in left]
 
 
-def planned_step(step: Step[Any, Any], spot: Spot, press_mm_s: float) -> Asked | None:
-    """Return what is stored of a planned step, in types of JSON: all that moves or labels a press.
-
-    A press has its indentor and place, so that `mount` and `move_to` are not stored.
-    """
-    if isinstance(step, Mount | MoveTo | Checkpoint):
+def planned_step(step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> Asked | None:
+    """Return what is stored of a planned step, in types of JSON: all that moves or labels a press."""
+    asked = step.asked(place, press_mm_s)
+    if asked is None:
         return None
-    if spot.ids:
-        first, presses = spot.ids[0], len(spot.ids)
-        asked = asked_of(step, spot, first, press_mm_s)
-        numbers = {"press": first.purpose, "index": first.index, "presses": presses}
-        return {**numbers, **{key: _plain(value) for key, value in asked.items()}}
-    if isinstance(step, Note | Rest):
-        return {"verb": step.verb, "what": step.text if isinstance(step, Note) else _plain(step.seconds)}
-    return {"verb": step.verb}
+    first = place.ids[0] if place.ids else None
+    numbers = {} if first is None else {"press": first.purpose, "index": first.index, "presses": len(place.ids)}
+    return {**numbers, **{key: _plain(value) for key, value in asked.items()}}
 
 
 def as_lines(steps: Iterable[Asked]) -> bytes:
@@ -165,25 +141,6 @@ def read_plan(path: Path) -> SamePlan | None:
         raise BadInputError(
             f"{path}: not a plan of a run: {error}; put back an undamaged copy, or start a new run", "bad_plan"
         ) from None
-
-
-def asked_of(step: Step[Any, Any], spot: Spot, press: PressId, press_mm_s: float) -> Asked:
-    """Return what a step asks for in one of its presses; of a step of another package, where and with what."""
-    place = {"indentor": spot.indentor, "x_mm": spot.x_mm, **press.marks}
-    if press.purpose == "find":
-        return {**place, "along_mm": spot.along_mm}
-    if not isinstance(step, Indent | Ramp | Precondition | Reference):
-        return place
-    speed_mm_s = getattr(step, "speed_mm_s", None)
-    asked = {
-        **place,
-        "verb": step.verb if isinstance(step, PressStep) else Indent.verb,
-        "target": step.target.kind,
-        "value": step.target.value,
-        "increments": getattr(step, "increments", 1),
-        "speed_mm_s": press_mm_s if speed_mm_s is None else speed_mm_s,
-    }
-    return {**asked, "hold_s": step.hold_s}
 
 
 def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]:

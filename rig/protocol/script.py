@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
@@ -35,7 +36,6 @@ class Script:
     source: str
     parameters: ProtocolParameters
     run: Callable[[Rig], None]
-    design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
     beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
     given: Mapping[str, Any] = field(default_factory=dict)  # values of parameters before they were validated
     texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None if run is not theirs
@@ -44,12 +44,12 @@ class Script:
     def fresh(self) -> "Script":
         """Return the script loaded anew from the same texts, so that a pass begins as in a new process.
 
-        What it draws from `random` without a seed is the same in every pass of this process.
+        What it draws from `random` or `numpy.random` without a seed is the same in every pass of this process.
         One whose `run` is the program's stays as it is.
         """
         if self.texts is None:
             return self
-        random.setstate(self.random_state)
+        _set_random_state(self.random_state)
         return script_with(self.path, self.name, self.given, self.texts)
 
 
@@ -85,7 +85,7 @@ def script_with(
 
     texts: of files, by path, that are not read again; what is read is added.
     """
-    texts, random_state = {} if texts is None else texts, random.getstate()
+    texts, random_state = {} if texts is None else texts, _random_state()
     module = _import(path, texts)
     run = getattr(module, "run", None)
     if not callable(run):
@@ -103,11 +103,27 @@ def script_with(
         raise BadInputError(f"{found} (parameters of {path.name}: {known})", found.code) from None
     metadata = _metadata(path, getattr(module, "METADATA", {}))
     title, source = str(metadata.get("title", name)), str(metadata.get("source", ""))
-    design = getattr(module, "DESIGN", None)
-    blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
     imported = {Path(file).name: text for file, text in texts.items() if file != str(path)}
     beside = imported | _files(path, metadata.get("files", ()))
-    return Script(path, name, title, source, checked, run, blocks, beside, parameters, texts, random_state)
+    return Script(path, name, title, source, checked, run, beside, parameters, texts, random_state)
+
+
+def _random_state() -> Any:
+    """Return the states of the generators that scripts share, Python's and numpy's."""
+    of_numpy = _numpy_random()
+    return random.getstate(), of_numpy.get_bit_generator(), of_numpy.get_state(legacy=False)
+
+
+def _set_random_state(state: Any) -> None:
+    of_python, generator, its_state = state
+    random.setstate(of_python)
+    of_numpy = _numpy_random()
+    of_numpy.set_bit_generator(generator)  # the script may have chosen another
+    of_numpy.set_state(its_state)
+
+
+def _numpy_random() -> Any:
+    return import_module("numpy.random")  # numpy is slow to import, and its types lack the bit generator
 
 
 _METADATA = ("title", "source", "files")

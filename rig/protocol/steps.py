@@ -16,8 +16,8 @@ from rig.errors import BadInputError
 from rig.protocol.check import (
     ForceTooDeepError,
     NoPredictionError,
-    Spot,
-    Walk,
+    PressPlace,
+    ScriptState,
     checked_target,
     refuse_along,
     refuse_approach,
@@ -39,7 +39,7 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 
-class Owed(Enum):
+class ResumeRule(Enum):
     """Part of a step before the first missing press that a resumed run repeats."""
 
     NOTHING = "nothing: it is done anyway, or of no consequence"
@@ -48,6 +48,10 @@ class Owed(Enum):
     LAST_IF_NEXT = "the last of its kind, but not where the next press is done already"
     ONCE = "it is journalled once and for all"
     ANSWER = "nothing where the journal has its answer, else the step itself"
+
+
+Asked = Mapping[str, Any]
+"""What a step asks for: verb, indentor, position, target, motion, and place in the schedule."""
 
 
 class Journalled(Protocol):
@@ -66,26 +70,37 @@ class Step(ABC, Generic[E, A]):
     """Verb with the arguments from the script.
 
     E is the type of its prediction (None for most steps), A that of its answer to the script. `verb` is the method of
-    `Rig` that creates it, `owed` what a resumed run repeats of it.
+    `Rig` that creates it, `on_resume` what a resumed run repeats of it.
     """
 
     verb: ClassVar[str]
-    owed: ClassVar[Owed]
+    on_resume: ClassVar[ResumeRule]
 
     @abstractmethod
-    def check(self, walk: Walk) -> Spot:
-        """Check the step without the model, advance the walk, and return the step's position and press numbers.
+    def check(self, state: ScriptState) -> PressPlace:
+        """Check the step without the model, advance the state, and return the step's position and press numbers.
 
         Every pass over a script checks every step, because a script may decide as it runs. Raises BadInputError.
         """
 
-    def expect(self, spot: Spot, walk: Walk) -> E:
-        """Return the prediction at the spot that `check` returned, within the limits. Raises BadInputError."""
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked | None:
+        """Return what a resumed run must ask for again (in `what`, may ask for otherwise); None if presses say it.
+
+        press_mm_s: speed of a press that names none.
+        """
+        return _where(place) if place.ids else {"verb": self.verb}
+
+    def expect(self, place: PressPlace, state: ScriptState) -> E:
+        """Return the prediction at the place that `check` returned, within the limits. Raises BadInputError."""
         return None  # type: ignore[return-value]
 
     def foreseen(self, expected: E) -> A:
         """Return the predicted answer, which a script receives during planning."""
         return None  # type: ignore[return-value]
+
+    def allowed_presses(self, expected: E) -> Sequence[PlannedIndentation]:
+        """Return the presses that its answer may tell a script to make; the plan contains them all."""
+        return ()
 
     @abstractmethod
     def execute(self, engine: Engine, expected: E) -> A:
@@ -97,8 +112,13 @@ class Step(ABC, Generic[E, A]):
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
-        """Return the answers in the journal of a stopped run, by the index of the press."""
+        """Return the answers in the journal of a stopped run, by the index of the press; under `ONCE` by order."""
         return {}
+
+
+def _where(place: PressPlace) -> Asked:
+    """Return indentor and position of the presses of a step, and their place in the schedule."""
+    return {"indentor": place.indentor, "x_mm": place.x_mm, **place.ids[0].marks}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,11 +126,11 @@ class Home(Step[None, None]):
     """Home the stage; no other motion is allowed before."""
 
     verb: ClassVar[str] = "home"
-    owed: ClassVar[Owed] = Owed.NOTHING
+    on_resume: ClassVar[ResumeRule] = ResumeRule.NOTHING
 
-    def check(self, walk: Walk) -> Spot:
-        walk.homed, walk.x_mm = True, math.nan
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        state.homed, state.x_mm = True, math.nan
+        return state.place()
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.home(engine)
@@ -132,16 +152,19 @@ class Mount(Step[None, None]):
     """
 
     verb: ClassVar[str] = "mount"
-    owed: ClassVar[Owed] = Owed.LAST
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST
 
     indentor: str
 
-    def check(self, walk: Walk) -> Spot:
+    def check(self, state: ScriptState) -> PressPlace:
         if not isinstance(self.indentor, str):
             raise BadInputError(f"{self.verb}: expected the name of an indentor, got {self.indentor!r}", "no_name")
-        walk.model.refuse_shape(self.indentor)
-        walk.indentor = self.indentor
-        return walk.spot()
+        state.model.refuse_shape(self.indentor)
+        state.indentor = self.indentor
+        return state.place()
+
+    def asked(self, place: PressPlace, press_mm_s: float) -> None:
+        return None
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.mount(engine, self.indentor)
@@ -165,20 +188,23 @@ class MoveTo(Step[None, None]):
     """
 
     verb: ClassVar[str] = "move_to"
-    owed: ClassVar[Owed] = Owed.LAST
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST
 
     x_mm: float
     along_mm: float = 0.0
 
-    def check(self, walk: Walk) -> Spot:
-        settings = walk.settings
-        walk.need(walk.homed, self.verb, "home()")
+    def check(self, state: ScriptState) -> PressPlace:
+        settings = state.settings
+        state.need(state.homed, self.verb, "home()")
         refuse_no_number(self.verb, "x_mm", self.x_mm)
         refuse_along(self.along_mm, settings)
         refuse_outside(self.verb, "x_mm", self.x_mm, settings.limits.x_mm)
         refuse_place(self.x_mm, self.along_mm, settings)
-        walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
-        return walk.spot()
+        state.x_mm, state.along_mm = self.x_mm, self.along_mm
+        return state.place()
+
+    def asked(self, place: PressPlace, press_mm_s: float) -> None:
+        return None
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.move_to(engine, float(self.x_mm), float(self.along_mm))
@@ -193,25 +219,40 @@ class ExpectedPresses:
 
 
 def check_press(
-    verb: str, target: Target, walk: Walk, *, increments: int, hold_s: float, speed_mm_s: float | None = None
+    verb: str, target: Target, state: ScriptState, *, increments: int, hold_s: float, speed_mm_s: float | None = None
 ) -> None:
     """Check a press without the model. Raises BadInputError."""
-    walk.need_ready(verb)
-    if walk.along_mm:
+    state.need_ready(verb)
+    if state.along_mm:
         raise BadInputError(
-            f"{verb}: along_mm = {walk.along_mm:g}: must be 0; elsewhere only touch() is allowed", "along_the_finger"
+            f"{verb}: along_mm = {state.along_mm:g}: must be 0; elsewhere only touch() is allowed", "along_the_finger"
         )
     refuse_count(verb, "increments", increments)
     refuse_seconds(verb, "hold_s", hold_s)
-    refuse_target(verb, target, walk.settings.limits)
-    refuse_speeds(verb, speed_mm_s, walk.settings)
+    refuse_target(verb, target, state.settings.limits)
+    refuse_speeds(verb, speed_mm_s, state.settings)
+
+
+def asked_press(
+    verb: str, target: Target, place: PressPlace, *, increments: int, hold_s: float, speed_mm_s: float
+) -> Asked:
+    """Return what a press asks for."""
+    return {
+        **_where(place),
+        "verb": verb,
+        "target": target.kind,
+        "value": target.value,
+        "increments": increments,
+        "speed_mm_s": speed_mm_s,
+        "hold_s": hold_s,
+    }
 
 
 def expect_press(
     verb: str,
     target: Target,
-    spot: Spot,
-    walk: Walk,
+    place: PressPlace,
+    state: ScriptState,
     *,
     increments: int,
     hold_s: float,
@@ -223,24 +264,24 @@ def expect_press(
     The default speed is habits.press_speed_mm_s. Raises BadInputError if the model has no prediction, or one beyond a
     limit.
     """
-    habits = walk.settings.habits
+    habits = state.settings.habits
     increment_mm = math.inf if ramp else habits.increment_mm
     pace = Pace(speed_mm_s or habits.press_speed_mm_s, increment_mm, increments, hold_s)
     try:
-        found = walk.model.press(spot.indentor, spot.x_mm, target, pace)
+        found = state.model.press(place.indentor, place.x_mm, target, pace)
     except ForceTooDeepError:
         raise BadInputError(
-            f"{verb}: {target.kind} = {target.value:g} at x = {spot.x_mm:g} mm is not reached at a DOI of "
-            f"limits.max_doi_mm = {walk.settings.limits.max_doi_mm:g}",
+            f"{verb}: {target.kind} = {target.value:g} at x = {place.x_mm:g} mm is not reached at a DOI of "
+            f"limits.max_doi_mm = {state.settings.limits.max_doi_mm:g}",
             "force_out_of_reach",
         ) from None
     except NoPredictionError as error:
         raise BadInputError(f"{verb}: {error}", error.code) from None
     ramp_mm_s = pace.speed_mm_s if ramp else None
     planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s)
-    refuse_reach(verb, planned, walk.settings)
-    refuse_pressure(verb, planned, walk.settings.limits)
-    return ExpectedPresses(spot.ids, planned)
+    refuse_reach(verb, planned, state.settings)
+    refuse_pressure(verb, planned, state.settings.limits)
+    return ExpectedPresses(place.ids, planned)
 
 
 def press(
@@ -267,7 +308,7 @@ def _predicted(planned: PlannedIndentation) -> indentation.PredictedPress:
 class PressStep(Step[ExpectedPresses, Indentation]):
     """One press past the skin, whose holds are data."""
 
-    owed: ClassVar[Owed] = Owed.ANSWER
+    on_resume: ClassVar[ResumeRule] = ResumeRule.ANSWER
 
     def foreseen(self, expected: ExpectedPresses) -> Indentation:
         planned, n = expected.planned, expected.planned.increments
@@ -339,24 +380,30 @@ class Indent(PressStep):
         """Depth or force from the script. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
-    def check(self, walk: Walk) -> Spot:
+    def check(self, state: ScriptState) -> PressPlace:
         check_press(
             self.verb,
             self.target,
-            walk,
+            state,
             increments=self.increments,
             hold_s=self.hold_s,
             speed_mm_s=self.speed_mm_s,
         )
-        walk.hold(self.verb, self.increments * self.hold_s)
-        return walk.spot("data", 1)
+        state.hold(self.verb, self.increments * self.hold_s)
+        return state.place("data", 1)
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        speed_mm_s = press_mm_s if self.speed_mm_s is None else self.speed_mm_s
+        return asked_press(
+            self.verb, self.target, place, increments=self.increments, hold_s=self.hold_s, speed_mm_s=speed_mm_s
+        )
+
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
         return expect_press(
             self.verb,
             self.target,
-            spot,
-            walk,
+            place,
+            state,
             increments=self.increments,
             hold_s=self.hold_s,
             speed_mm_s=self.speed_mm_s,
@@ -406,19 +453,24 @@ class Ramp(PressStep):
         """Depth. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, None)
 
-    def check(self, walk: Walk) -> Spot:
-        refuse_no_ramps(self.verb, walk.settings.stage)
+    def check(self, state: ScriptState) -> PressPlace:
+        refuse_no_ramps(self.verb, state.settings.stage)
         refuse_no_number(self.verb, "speed_mm_s", self.speed_mm_s)
-        check_press(self.verb, self.target, walk, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
-        walk.hold(self.verb, self.hold_s)
-        return walk.spot("data", 1)
+        check_press(self.verb, self.target, state, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
+        state.hold(self.verb, self.hold_s)
+        return state.place("data", 1)
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return asked_press(
+            self.verb, self.target, place, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s
+        )
+
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
         return expect_press(
             self.verb,
             self.target,
-            spot,
-            walk,
+            place,
+            state,
             increments=1,
             hold_s=self.hold_s,
             speed_mm_s=self.speed_mm_s,
@@ -463,7 +515,7 @@ class Precondition(Step[ExpectedPresses, None]):
     """
 
     verb: ClassVar[str] = "precondition"
-    owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST_OF_INDENTOR
 
     presses: int
     doi_mm: float | None = None
@@ -475,14 +527,17 @@ class Precondition(Step[ExpectedPresses, None]):
         """Depth or force from the script. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
-    def check(self, walk: Walk) -> Spot:
+    def check(self, state: ScriptState) -> PressPlace:
         refuse_count(self.verb, "presses", self.presses)
-        check_press(self.verb, self.target, walk, increments=1, hold_s=self.hold_s)
-        walk.hold(self.verb, self.presses * self.hold_s)
-        return walk.spot("precondition", self.presses)
+        check_press(self.verb, self.target, state, increments=1, hold_s=self.hold_s)
+        state.hold(self.verb, self.presses * self.hold_s)
+        return state.place("precondition", self.presses)
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
-        return expect_press(self.verb, self.target, spot, walk, increments=1, hold_s=self.hold_s)
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return asked_press(Indent.verb, self.target, place, increments=1, hold_s=self.hold_s, speed_mm_s=press_mm_s)
+
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
+        return expect_press(self.verb, self.target, place, state, increments=1, hold_s=self.hold_s)
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> None:
         for press_id in expected.ids:
@@ -515,7 +570,7 @@ class Reference(Step[ExpectedPresses, None]):
     """
 
     verb: ClassVar[str] = "reference"
-    owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST_OF_INDENTOR
 
     x_mm: float
     doi_mm: float
@@ -527,16 +582,16 @@ class Reference(Step[ExpectedPresses, None]):
         """Depth. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, None)
 
-    def check(self, walk: Walk) -> Spot:
-        MoveTo(x_mm=self.x_mm).check(walk)
-        check_press(self.verb, self.target, walk, increments=self.increments, hold_s=self.hold_s)
-        self._refuse_another(walk)
-        walk.hold(self.verb, self.increments * self.hold_s)
-        return walk.spot("reference", 1)
+    def check(self, state: ScriptState) -> PressPlace:
+        MoveTo(x_mm=self.x_mm).check(state)
+        check_press(self.verb, self.target, state, increments=self.increments, hold_s=self.hold_s)
+        self._refuse_another(state)
+        state.hold(self.verb, self.increments * self.hold_s)
+        return state.place("reference", 1)
 
-    def _refuse_another(self, walk: Walk) -> None:
-        requested = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
-        first = walk.reference_request = walk.reference_request or requested
+    def _refuse_another(self, state: ScriptState) -> None:
+        requested = (state.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
+        first = state.reference_request = state.reference_request or requested
         if requested != first:
             raise BadInputError(
                 f"{self.verb}: must be the same press each time, {first[0]} at x = {first[1]:g} mm to "
@@ -544,8 +599,13 @@ class Reference(Step[ExpectedPresses, None]):
                 "another_reference",
             )
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
-        return expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return asked_press(
+            Indent.verb, self.target, place, increments=self.increments, hold_s=self.hold_s, speed_mm_s=press_mm_s
+        )
+
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
+        return expect_press(self.verb, self.target, place, state, increments=self.increments, hold_s=self.hold_s)
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> None:
         verbs.be_over(engine, expected.planned.x_mm)
@@ -570,14 +630,17 @@ class Rest(Step[None, None]):
     """
 
     verb: ClassVar[str] = "rest"
-    owed: ClassVar[Owed] = Owed.LAST_IF_NEXT
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST_IF_NEXT
 
     seconds: float
 
-    def check(self, walk: Walk) -> Spot:
-        walk.need(walk.homed, self.verb, "home()")
+    def check(self, state: ScriptState) -> PressPlace:
+        state.need(state.homed, self.verb, "home()")
         refuse_seconds(self.verb, "seconds", self.seconds)
-        return walk.spot()
+        return state.place()
+
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return {"verb": self.verb, "what": self.seconds}
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.rest(engine, float(self.seconds))
@@ -594,11 +657,11 @@ class Retract(Step[None, None]):
     """
 
     verb: ClassVar[str] = "retract"
-    owed: ClassVar[Owed] = Owed.NOTHING
+    on_resume: ClassVar[ResumeRule] = ResumeRule.NOTHING
 
-    def check(self, walk: Walk) -> Spot:
-        walk.need(walk.homed, self.verb, "home()")
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        state.need(state.homed, self.verb, "home()")
+        return state.place()
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.retract(engine)
@@ -628,16 +691,19 @@ class Touch(Step[ExpectedTouch, float]):
     """
 
     verb: ClassVar[str] = "touch"
-    owed: ClassVar[Owed] = Owed.ANSWER
+    on_resume: ClassVar[ResumeRule] = ResumeRule.ANSWER
 
-    def check(self, walk: Walk) -> Spot:
-        walk.need_ready(self.verb)
-        return walk.spot("find", 1)
+    def check(self, state: ScriptState) -> PressPlace:
+        state.need_ready(self.verb)
+        return state.place("find", 1)
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedTouch:
-        contact_mm = walk.model.touch_height_mm(spot.indentor, spot.x_mm, spot.along_mm)
-        refuse_approach(self.verb, contact_mm, walk.settings)
-        return ExpectedTouch(spot.ids[0], contact_mm)
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return {**_where(place), "along_mm": place.along_mm}
+
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedTouch:
+        contact_mm = state.model.touch_height_mm(place.indentor, place.x_mm, place.along_mm)
+        refuse_approach(self.verb, contact_mm, state.settings)
+        return ExpectedTouch(place.ids[0], contact_mm)
 
     def foreseen(self, expected: ExpectedTouch) -> float:
         return expected.contact_mm
@@ -666,18 +732,21 @@ class Checkpoint(Step[None, None]):
     """
 
     verb: ClassVar[str] = "checkpoint"
-    owed: ClassVar[Owed] = Owed.ONCE
+    on_resume: ClassVar[ResumeRule] = ResumeRule.ONCE
 
     name: str
 
-    def check(self, walk: Walk) -> Spot:
+    def check(self, state: ScriptState) -> PressPlace:
         refuse_no_text(self.verb, self.name)
-        if self.name in walk.checkpoints:
+        if self.name in state.checkpoints:
             raise BadInputError(
                 f"{self.verb}: {self.name!r} has been passed already, expected another name", "passed_already"
             )
-        walk.checkpoints.add(self.name)
-        return walk.spot()
+        state.checkpoints.add(self.name)
+        return state.place()
+
+    def asked(self, place: PressPlace, press_mm_s: float) -> None:
+        return None
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.checkpoint(engine, self.name)
@@ -699,13 +768,16 @@ class Note(Step[None, None]):
     """
 
     verb: ClassVar[str] = "note"
-    owed: ClassVar[Owed] = Owed.ONCE
+    on_resume: ClassVar[ResumeRule] = ResumeRule.ONCE
 
     text: str
 
-    def check(self, walk: Walk) -> Spot:
+    def check(self, state: ScriptState) -> PressPlace:
         refuse_no_text(self.verb, self.text)
-        return walk.spot()
+        return state.place()
+
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return {"verb": self.verb, "what": self.text}
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.note(engine, self.text)
@@ -722,12 +794,12 @@ class Zero(Step[None, None]):
     """
 
     verb: ClassVar[str] = "zero"
-    owed: ClassVar[Owed] = Owed.LAST
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST
 
-    def check(self, walk: Walk) -> Spot:
-        walk.need(walk.homed, self.verb, "home()")
-        walk.zeroed = True
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        state.need(state.homed, self.verb, "home()")
+        state.zeroed = True
+        return state.place()
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.zero(engine)

@@ -32,6 +32,7 @@ from rig_shared.plural import number_of
 
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE)
 _MAPS_ACROSS, _ONCE_PT = 3, 8.0
+_RIM = "#8a8a8a"  # seen on light and on dark pages, since the colors of a scale are the same on both
 _SESSION = ListedColormap([shade(k, 64) for k in range(64)])
 _MOST_NAMED = 9  # candidates whose cells have numbers
 
@@ -107,7 +108,7 @@ def press_map(found: Design) -> Plot:
             Series("plot", [p.x_mm for p in rest], [p.target for p in rest], ls="", marker=".", color=GREY, ms=3,
                    rows=rows_of("not chosen", "x_mm", "target", shape=shape)),
             Series("scatter", *np.transpose(at), _ONCE_PT**2 * np.array(list(times.values())), when, cmap=_SESSION,
-                   norm=scale, edgecolors=GREY, linewidths=0.5, zorder=2,
+                   norm=scale, edgecolors=_RIM, linewidths=0.8, zorder=2,
                    rows=rows_of("session", "x_mm", "target", "area", "number", shape=shape)),
         ]  # fmt: skip
         about = f"{number}. {shape}: {number_of(len(mine), 'presses')}"

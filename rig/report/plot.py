@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -355,9 +356,11 @@ def _has_values(array: Any) -> bool:
 def _mark_maps(figure: Figure) -> None:
     number = 0
     for axes in figure.axes:
-        if _mapped(axes):
+        if maps := _mapped(axes):
             over = [text for text in axes.texts if axes.bbox.overlaps(text.get_window_extent())]
-            for artist in (*axes.images, *axes.collections, *axes.lines, *axes.patches, *over):
+            covered = any(not isinstance(one, PathCollection) for one in maps)  # dots have the page between them
+            on_page = (*axes.collections, *axes.lines, *axes.patches) if covered else maps
+            for artist in dict.fromkeys((*axes.images, *on_page, *over)):
                 artist.set_gid(f"{_ON_MAP}_{number}")
                 number += 1
 

@@ -23,7 +23,7 @@ from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
 from rig.report.page_parts import Section
 from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
-from rig.report.style import GREY, as_number, in_unit, label, shade, signed
+from rig.report.style import GREY, as_number, in_unit, label, rate_label, shade, signed
 from rig.report.verdict_figures import stimulus_styles
 from rig_shared.plural import number_of
 from sim.contact.indentor import ACROSS
@@ -31,15 +31,18 @@ from sim.contact.shapes import parse_shape
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 
-_RATE = "discharge rate (unit of the recording)"
 _WIDEST_IN = 9.8
+
+
+def _rate(joint: Joint) -> str:
+    return rate_label(joint.overlays[0].recording.rate_unit)
 
 
 def overlays(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "") -> Plot:
     """Plot rates predicted by the joint line over recorded ones: pairs down, shapes across."""
     rows, columns = (len(pairs), len(joint.overlays)) if len(joint.overlays) > 1 else (1, len(pairs))
     panels = [
-        Subplot("position from field center (mm)", _RATE, _overlay(overlay, joint.fit, pair),
+        Subplot("position from field center (mm)", _rate(joint), _overlay(overlay, joint.fit, pair),
               f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}",
               printed="x" if k >= (rows - 1) * columns else "")
         for k, (pair, overlay) in enumerate((pair, overlay) for pair in pairs for overlay in joint.overlays)
@@ -47,7 +50,7 @@ def overlays(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "")
 
     def finish(canvas: Figure, axes: list[Axes]) -> None:
         canvas.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
-        canvas.supylabel(_RATE, fontsize=9)
+        canvas.supylabel(_rate(joint), fontsize=9)
 
     return Plot(
         (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows), panels,
@@ -76,7 +79,7 @@ def scatter(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "") 
 
     def finish(canvas: Figure, axes: list[Axes]) -> None:
         canvas.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
-        canvas.supylabel(_RATE, fontsize=9)
+        canvas.supylabel(_rate(joint), fontsize=9)
         lines, names = axes[0].get_legend_handles_labels()
         canvas.legend(lines, names, loc="outside lower center", ncols=len(names), fontsize=8)
 
@@ -111,7 +114,7 @@ def _against_measure(joint: Joint, pair: Pair) -> Subplot:
     )
     fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
     title = f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}"
-    return Subplot(in_unit(MEASURES[measure]), _RATE, [*series, line], title, printed="x")
+    return Subplot(in_unit(MEASURES[measure]), _rate(joint), [*series, line], title, printed="x")
 
 
 def frame(overlays: Sequence[Overlay]) -> str:

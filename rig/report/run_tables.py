@@ -244,7 +244,7 @@ def message(run: Run, found: Sequence[DeliveredPress]) -> str:
     at = f"at x = {signed(places.pop())} mm" if len(places) == 1 else f"at {number_of(len(places), 'positions')}"
     targets = " and ".join(_targets(found, key) for key in UNITS if any(one.key == key for one in found))
     planned = int(run.start["planned_indentations"])
-    all_of_them = planned <= len(found) or (run.complete and "choose" in run.start)  # a verdict may end the presses
+    all_of_them = planned <= len(found) or (run.complete and run.stream("choice"))  # a verdict may end the presses
     done = number_of(len(found), "presses") if all_of_them else f"{len(found)} of {planned} presses"
     return f"{done} of {shapes} to {targets} {at}{where}: {_delivered_in_words(found)}"
 
@@ -289,7 +289,7 @@ class Phase:
 def phases(run: Run) -> list[Phase]:
     """Return the phases that took time."""
     booked = booked_s(run)
-    whole, presses = sum(booked.values()) or 1.0, max(len(run.stream("indentation_end")), 1)
+    whole, presses = sum(booked.values()) or 1.0, max(len(run.done), 1)
     return [Phase(name, s, s / whole, s / presses) for name, s in booked.items() if s]
 
 

@@ -98,3 +98,8 @@ def as_positions(values: Iterable[float]) -> str:
 def as_limits(values: Sequence[float | None] | None) -> str:
     """Format an interval for a table; empty if there is none."""
     return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""
+
+
+def rate_label(unit: str) -> str:
+    """Return the label of an axis of discharge rates in a unit of a recording."""
+    return f"discharge rate ({'impulses/s' if unit == '1/s' else unit})"

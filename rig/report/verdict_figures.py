@@ -16,7 +16,7 @@ from rig.compare.verdict import AfferentVerdict, LeftOut, PairRow
 from rig.compare.verdict_text import percent, sentence
 from rig.report.measure_colors import color_of
 from rig.report.plot import Plot, Room, Series, Subplot, entry, guide, handles, in_grid, rows_of
-from rig.report.style import DOTTED, GREY, as_number, in_unit, label, shade, signed, some_of
+from rig.report.style import DOTTED, GREY, as_number, in_unit, label, rate_label, shade, signed, some_of
 from rig.report.title_lines import title_lines
 from sim.measures.measures import MEASURES
 
@@ -26,7 +26,6 @@ Places = NDArray[np.int64]
 STIMULI_FIRST, STIMULI_ACROSS = 4, 3
 _WIDE_IN, _PROFILES_IN, _LEAST_MAP_IN = 7.8, 2.55, 2.7
 _RANKED, _CONTROLS_RANKED = 7, 3
-_RATE = "discharge rate\n(unit of the recording)"
 _POSITION = "position from field center (mm)"
 _MISFIT = "misfit over noise, lack-of-fit F (1)"
 _RESIDUAL = "recorded − predicted\n(standard deviations)"
@@ -64,6 +63,10 @@ def apart(answer: AfferentVerdict) -> Array | None:
     return np.abs(first.predicted - other.predicted) / answer.places.error
 
 
+def _rate(answer: AfferentVerdict) -> str:
+    return rate_label(answer.rate_unit).replace(" (", "\n(")
+
+
 def most_telling(answer: AfferentVerdict) -> list[int]:
     """Return the stimuli that fit into a figure, in order: those for which rivals differ most."""
     numbers = list(range(len(answer.stimuli)))
@@ -80,7 +83,7 @@ def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str, of: st
     styles = [(row, {"color": color_of(row.name), "ls": dashes, "lw": width}) for row, (dashes, width) in pairs]
     heights = (_PROFILES_IN, 0.95 + 0.19 * len(ranked))
     panels = [
-        Subplot(_POSITION, _RATE,
+        Subplot(_POSITION, _rate(answer),
               [*_recorded(answer, number), *(_predicted(answer, number, row, **style) for row, style in styles)],
               title_lines(answer.stimuli[number], (_WIDE_IN - 1) / len(shown), 8), printed="" if k else "y")
         for k, number in enumerate(shown)
@@ -137,7 +140,7 @@ def profiles(answer: AfferentVerdict, shown: Sequence[int], frame: str, of: str 
         " and stop where positions are left out. Crosses: recorded positions that are left out, since the simulation "
         "does not cover them at every receptor"
     ) * any(_left_out(answer, number) for number in shown)
-    plot = _grid(answer, shown, series, _RATE, frame)
+    plot = _grid(answer, shown, series, _rate(answer), frame)
     return replace(
         plot,
         title=f"Recorded over predicted{of}",
@@ -223,7 +226,7 @@ def scatter(answer: AfferentVerdict, frame: str, of: str = "") -> Plot:
         (0.6 + 2.4 * len(pairs), 3.0),
         [
             Subplot(
-                measured_in(row.name), _RATE,
+                measured_in(row.name), _rate(answer),
                 [*(points(row, number, *style) for number, style in enumerate(styles)), fit(row)],
                 f"{named(row)}\nk = {as_number(row.k)}, ε₀ = {as_number(row.eps0)}",
                 printed="x" if k else "xy",

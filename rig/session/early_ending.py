@@ -15,7 +15,7 @@ from rig.data.run_status import RunStatus, reason_of
 from rig.engine import Engine, RecordError, RunAborted, ScriptError
 from rig.engine.contact import KnownContact
 from rig.engine.limits import AT_MM
-from rig.errors import LostRecordError
+from rig.errors import LimitError, LostRecordError, TripError
 from rig.records import ContactKind
 
 _PUT_RIGHT = "correct the problem, then "
@@ -125,6 +125,16 @@ class Ending:
         return cls(reason_of(RunStatus.KILLED), at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
+    def recorded(cls, run: Run, status: RunStatus) -> "Ending":
+        """Return the ending of a run from its journal, in which a stop has no error, and an old one no position."""
+        assert run.stop is not None
+        at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else FinalPosition.last_known(run)
+        error = _ERRORS.get(status)
+        see_to = f"{_PUT_RIGHT}resume" if error is None else error.remedy
+        to_do = see_to if at.to_do is None else f"{at.to_do}; then {see_to}"
+        return cls(reason_of(status, run.stop), at, to_do, resume_line(run.folder.path))
+
+    @classmethod
     def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":
         """Return the ending of a run that was refused or left before anything could move."""
         return cls(reason, FinalPosition("not moved"), f"{_PUT_RIGHT if refused else ''}repeat the command", None)
@@ -139,6 +149,15 @@ class Ending:
         """Return the ending as commands print it."""
         return {"reason_text": self.reason, "indentor": self.at.as_json(), "where_text": self.at.words,
                 "next_text": self.next, "resume": self.resume}  # fmt: skip
+
+
+_ERRORS: dict[RunStatus, type[LimitError | TripError | RunAborted | ScriptError]] = {
+    RunStatus.LIMITED: LimitError,
+    RunStatus.TRIPPED: TripError,
+    RunStatus.ABORTED: RunAborted,
+    RunStatus.INCOMPLETE: ScriptError,
+}
+"""Errors that say what to do about a run that ended in a state."""
 
 
 def resume_line(folder: Path) -> str:

@@ -3,7 +3,7 @@
 from typing import TypeVar
 
 from rig.engine import Engine
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import Checkpoint, Note, Step
 
 E = TypeVar("E")
@@ -26,15 +26,15 @@ def execute(engine: Engine, step: Step[E, A], expected: E, *, rehearsal: bool = 
 class Live:
     """Handler that carries out each step with the engine.
 
-    A script may decide as it runs, so a step may differ from the plan. The walk has checked it again, and the model
+    A script may decide as it runs, so a step may differ from the plan. The state has checked it again, and the model
     predicts what the plan did not contain.
     """
 
-    def __init__(self, engine: Engine, walk: Walk) -> None:
-        self._engine, self._walk = engine, walk
+    def __init__(self, engine: Engine, state: ScriptState) -> None:
+        self._engine, self._state = engine, state
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Carry out the step and return its result; after a trip or a failure that the script swallowed, raise it."""
         if self._engine.problem is not None and not isinstance(step, Note | Checkpoint):
             raise self._engine.problem
-        return execute(self._engine, step, step.expect(spot, self._walk))
+        return execute(self._engine, step, step.expect(place, self._state))

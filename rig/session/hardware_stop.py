@@ -52,7 +52,7 @@ class StopButton:
         with suppress(Exception):  # The run may have just ended; if the stage is gone, the run notices by itself.
             self._stop()
 
-    def seen(self, *, pressed: bool) -> None:
+    def record_input(self, *, pressed: bool) -> None:
         """Record the state of the controller's input."""
         self._last = "PRESSED" if pressed else "not pressed"
 
@@ -60,7 +60,7 @@ class StopButton:
     def state(self) -> str:
         """State of the button in words, polled now."""
         try:
-            self.seen(pressed=self.pressed())
+            self.record_input(pressed=self.pressed())
         except (StageError, TransportError) as error:
             self._last = f"cannot be read: {error}"
         return self.last_state
@@ -174,51 +174,47 @@ def explained_by_stop_inputs(settings: BenchSettings, stage: Stage) -> Iterator[
             raise
         held, active = isinstance(error, StageHeld), _active_now(stage)
         if stop.trip_input in active:
-            raise _by_the_relay(stop) from error
+            raise _relay_trip(stop) from error
         if stop.kind == "board" and (held or stop.input in active):
             raise RunAborted(BY_THE_BUTTON, "stop_button") from error
         raise
 
 
 def stop_inputs_of(settings: BenchSettings, button: StopButton | None) -> StopInputs:
-    """Return the check of the stop inputs that a run makes with each force reading."""
-    stop = settings.stop
-    return no_stop_inputs if stop.kind == "off" and not stop.inputs else _StopInputCheck(stop, button)
+    """Return the check of the stop inputs that a run makes with each force reading.
 
+    At rest the controller is polled, in motion its last status counts. The check returns a trip or None, and raises
+    RunAborted, with the stage at rest, if the button was pressed.
+    """
+    stop, key = settings.stop, None if button is None else button.key
+    if stop.kind == "off" and not stop.inputs:
+        return no_stop_inputs
+    with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))  # A board reports both in one line.
 
-class _StopInputCheck:
-    """Check made with each reading: at rest the controller is polled, in motion its last status counts."""
-
-    def __init__(self, stop: StopSettings, button: StopButton | None) -> None:
-        self._stop, self._button = stop, button
-        self._key = None if button is None else button.key
-        # A board reports both in one line.
-        self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))
-
-    def _poll(self, stage: Stage, *, anew: bool) -> tuple[frozenset[str], bool]:
-        """Return the active inputs, and whether the controller is held."""
-        held = is_held(stage.status().state) if anew and self._with_its_state else False
-        return stage.active_inputs(), held
-
-    def __call__(self, engine: Engine, *, at_rest: bool) -> TripError | None:
-        """Return a trip or None. Raises RunAborted if the button was pressed; the stage is then at rest."""
-        if self._key is not None and self._key.problem:
-            return TripError(
-                f"the stop button no longer answers: {self._key.problem}; connect it again", "button_gone"
-            )
-        if not self._stop.inputs:
+    def check(engine: Engine, *, at_rest: bool) -> TripError | None:
+        if key is not None and key.problem:
+            return TripError(f"the stop button no longer answers: {key.problem}; connect it again", "button_gone")
+        if not stop.inputs:
             return None
-        active, held = engine.guarded(lambda: self._poll(engine.bench.stage, anew=at_rest))
-        if self._stop.trip_input in active:
-            return _by_the_relay(self._stop)
-        if self._stop.kind == "board":
-            pressed = held or self._stop.input in active
-            if self._button is not None:
-                self._button.seen(pressed=pressed)
+        stage = engine.bench.stage
+
+        def poll() -> tuple[frozenset[str], bool]:
+            held = is_held(stage.status().state) if at_rest and with_its_state else False
+            return stage.active_inputs(), held
+
+        active, held = engine.guarded(poll)
+        if stop.trip_input in active:
+            return _relay_trip(stop)
+        if stop.kind == "board":
+            pressed = held or stop.input in active
+            if button is not None:
+                button.record_input(pressed=pressed)
             if pressed:
                 engine.stop()
                 raise RunAborted(BY_THE_BUTTON, "stop_button")
         return None
+
+    return check
 
 
 def _active_now(stage: Stage) -> frozenset[str]:
@@ -231,7 +227,7 @@ def _active_now(stage: Stage) -> frozenset[str]:
     return active
 
 
-def _by_the_relay(stop: StopSettings) -> TripError:
+def _relay_trip(stop: StopSettings) -> TripError:
     at = "" if stop.trip_gwt is None else f" at {stop.trip_gwt:g} gwt"
     return TripError(
         f"the hardware trip{at} has stopped the stage (stop.trip_input = {stop.trip_input!r})", "hardware_trip"

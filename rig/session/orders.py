@@ -16,9 +16,9 @@ from rig.clock import WallClock
 from rig.engine import Engine, verbs
 from rig.errors import BadInputError, first_problem
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.script import Script
-from rig.protocol.steps import Owed, Step
+from rig.protocol.steps import ResumeRule, Step
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -69,13 +69,13 @@ class NextOrder(Step[None, Order | None]):
     """Wait at clearance for the next order; None ends the run."""
 
     verb: ClassVar[str] = "next_order"
-    owed: ClassVar[Owed] = Owed.NOTHING
+    on_resume: ClassVar[ResumeRule] = ResumeRule.NOTHING
 
     planned: Order | None
     orders: "PressOrders"
 
-    def check(self, walk: Walk) -> Spot:
-        return walk.spot()
+    def check(self, state: ScriptState) -> PressPlace:
+        return state.place()
 
     def foreseen(self, expected: None) -> Order | None:
         return self.planned

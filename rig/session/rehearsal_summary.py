@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Literal, NotRequired
 
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError
-from rig.engine.limits import CONTACT_EXPONENT, SampleAge, Stopping
+from rig.engine.limits import CONTACT_EXPONENT, Stopping
 from rig.plan.config import Config
 from rig.plan.plan import Plan, ramp_bound
+from rig.plan.sample_age import SampleAge
 from rig.protocol.script import Script
 from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
@@ -73,7 +74,7 @@ class PressSpeedJson(Output):
 
 
 class PossiblePressesJson(Output):
-    """All presses that an adaptive run may choose."""
+    """Presses that the script may choose as it runs."""
 
     presses: int
     peak_force_gwt: float
@@ -140,7 +141,7 @@ class Preflight:
         limits, peak_gwt, speed = self.config.limits, self.plan.peak_force_gwt, press_speed(self.config, self.plan)
         return {
             "indentations": len(steps),
-            "other_presses": len(self.plan.all_presses) - len(steps),
+            "other_presses": sum(map(len, self.plan.presses.values())) - len(steps),
             "duration_s": self.rehearsed.duration_s,
             "contact_s": self.rehearsed.contact_s,
             "peak_force_n": peak_gwt * GWT_N,
@@ -191,6 +192,16 @@ class Preflight:
             found["ramp_stop_mm"] = bound.stop_mm
             found["ramp_trip_gwt"], found["ramp_bound_gwt"] = bound.trip_gwt, bound.bound_gwt
         return found
+
+
+def possible_presses_as_json(plan: Plan, config: Config) -> PossiblePressesJson:
+    """Return how many presses a script may choose, their highest force and pressure, and the soft trip."""
+    return {
+        "presses": len(plan.allowed),
+        "peak_force_gwt": max(press.highest_gwt for press in plan.allowed),
+        "peak_pressure_kpa": 1000 * max(press.peak_pressure_mpa for press in plan.allowed),
+        "soft_trip_n": min(plan.soft_trip_n, config.limits.soft_trip_n),
+    }
 
 
 def press_speed(config: Config, plan: Plan) -> PressSpeedJson:
@@ -263,18 +274,13 @@ class Page:
     @property
     def speed(self) -> Lines:
         """Line about the press speed that the force sensor allows, if there is a press."""
-        if not self._allowed.speeds_mm_s:
+        if not self._plan.speeds_mm_s:
             return {}
-        return {"speed": press_speed_in_words(press_speed(self.session.config, self._allowed))}
+        return {"speed": press_speed_in_words(press_speed(self.session.config, self._plan))}
 
     @property
     def _plan(self) -> Plan:
         return self.session.plan
-
-    @property
-    def _allowed(self) -> Plan:
-        """Presses that may be made: those of the plan, or all that an adaptive run may choose."""
-        return self._plan if self.session.possible is None else self.session.possible
 
     @property
     def _soft_trip_n(self) -> float:
@@ -290,10 +296,9 @@ class Page:
             (len(presses["reference"]), "references"),
         ]
         summary = ", ".join(number_of(*one) for one in counts if one[0]) or "nothing to press"
-        before, possible = self.session.before, self.session.possible
-        if possible is not None:
-            checked = number_of(len(possible.all_presses), "checked presses")
-            summary += f" planned; each is chosen from {checked}"
+        before, allowed = self.session.before, self._plan.allowed
+        if allowed:
+            summary += f" planned; each is chosen from {number_of(len(allowed), 'checked presses')}"
         return (
             summary
             if before is None
@@ -310,7 +315,7 @@ class Page:
 
     @property
     def _force(self) -> str:
-        peak_n = self._allowed.peak_force_gwt * GWT_N
+        peak_n = self._plan.peak_force_gwt * GWT_N
         identified = self.session.config.identified
         band = (
             ""
@@ -323,7 +328,7 @@ class Page:
 
     @property
     def _small_strain(self) -> str:
-        depths = [planned.deepest_mm for planned in self._allowed.all_presses]
+        depths = [planned.deepest_mm for planned in self._plan.all_presses]
         return f"; {_small_strain(self.session.config.finger, max(depths)).note}" if depths else ""
 
     @property
@@ -344,7 +349,7 @@ class Page:
     def _first(self) -> str:
         """First motions of every script: homing, and the way to the first position."""
         config = self.session.config
-        chosen, presses = self.session.possible is not None, self._allowed.all_presses
+        chosen, presses = bool(self._plan.allowed), self._plan.all_presses
         shapes = list(dict.fromkeys(planned.indentor for planned in presses))
         shapes = shapes if chosen else shapes[:1]
         by_hand = f"you mount {' or '.join(map(with_size, shapes))}; " if shapes else ""

@@ -20,7 +20,7 @@ from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Model, NoPredictionError, Spot, Walk
+from rig.protocol.check import Model, NoPredictionError, PressPlace, ScriptState
 from rig.protocol.handlers import Patience, ResumeHandler
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
@@ -90,14 +90,14 @@ _UNDER_A_TOUCH = {"doi_mm": 1.0, "force_n": 0.1, "exponent": 1.5}
 class Rehearsing:
     """Handler that sets the spring under the indentor and carries out each step."""
 
-    def __init__(self, engine: Engine, walk: Walk, plant: SpringPlant) -> None:
-        self._engine, self._walk, self._plant = engine, walk, plant
+    def __init__(self, engine: Engine, state: ScriptState, plant: SpringPlant) -> None:
+        self._engine, self._state, self._plant = engine, state, plant
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """Carry out the step on springs and return its result."""
-        expected = step.expect(spot, self._walk)
+        expected = step.expect(place, self._state)
         if isinstance(expected, ExpectedPresses):
-            self._plant.spring = Spring.fitted(expected.planned, self._walk.model)
+            self._plant.spring = Spring.fitted(expected.planned, self._state.model)
         elif isinstance(expected, ExpectedTouch):
             self._plant.spring = Spring(expected.contact_mm, **_UNDER_A_TOUCH)
         return execute(self._engine, step, expected, rehearsal=True)
@@ -142,13 +142,13 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
         if before is None
         else partial(with_stored_file, before.folder.path)
     )
-    walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.identified))
-    handler: Handler = Rehearsing(engine, walk, plants[0])
+    state = ScriptState(settings, FingerModel(finger, plan.predictions, where, config.identified))
+    handler: Handler = Rehearsing(engine, state, plants[0])
     if before is not None:
         verbs.home(engine)
         handler = ResumeHandler(before, handler, settings.habits.press_speed_mm_s)
     script = script.fresh()
-    run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
+    run_script(script, engine, Rig(script.parameters, state, Patience(handler)))
     return Rehearsed(
         clock.monotonic_s(),
         engine.contact_time.total_s,

@@ -44,7 +44,6 @@ class StoppedRun:
     virtual: bool
     run: Run | None
     subject: str | None = None
-    choose: Mapping[str, Any] | None = None  # of an adaptive run
 
     @property
     def begins_at_s(self) -> float:
@@ -167,7 +166,6 @@ def _read(folder: RunFolder) -> StoppedRun:
         virtual=about["virtual"],
         run=run,
         subject=about.get("subject"),
-        choose=about.get("choose"),
     )
 
 

@@ -17,7 +17,7 @@ from rig.clock import Clock, WallClock
 from rig.control.stop import OwnedStage
 from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.documents import last_document
-from rig.data.events import STREAMS, streams_with
+from rig.data.events import STREAMS, is_last_hold, streams_with
 from rig.data.folder import PLAN, UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end
 from rig.data.run_status import RunStatus
@@ -31,7 +31,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan, predicted_bands
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Walk
+from rig.protocol.check import ScriptState
 from rig.protocol.handlers import Patience, ResumeHandler
 from rig.protocol.same_steps import as_lines
 from rig.protocol.script import Script
@@ -179,8 +179,6 @@ class Session:
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=NoAttendant)
     button: StopButton | None = None  # of a real run
-    chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
-    possible: Plan | None = None  # every press that an adaptive run may choose
 
     @property
     def before(self) -> Run | None:
@@ -306,10 +304,8 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     script, config, into = session.script, session.config, session.into
     if isinstance(into, StoppedRun):
         return into.folder
-    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject) | _choose(session)
-    # The presses of an adaptive run are not planned.
-    plan = {PLAN: as_lines(session.plan.asked)} if session.chooses is None else {}
-    files = {**script.beside, **session.plan.shape_files, **plan}
+    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject)
+    files = {**script.beside, **session.plan.shape_files, PLAN: as_lines(session.plan.asked)}
     return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, files)
 
 
@@ -329,7 +325,7 @@ def _on_a_bench(
             refuse_stop_inputs(session.config, bench)
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
-            stiffness = FingerStiffness.of((session.possible or session.plan).all_presses)
+            stiffness = FingerStiffness.of(session.plan.all_presses)
             engine = Engine(
                 session.config, bench, journal, session.plan.soft_trip_n, contact_s, stiffness,
                 memory=bench, stop_inputs=stop_inputs_of(session.config, session.button),
@@ -414,11 +410,11 @@ def _removed_if_empty(session: Session, folder: RunFolder) -> Iterator[None]:
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
     config, where = session.config, partial(with_stored_file, folder.path)
-    walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
-    handler: Handler = Live(engine, walk)
+    state = ScriptState(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
+    handler: Handler = Live(engine, state)
     if session.before is not None:
         handler = ResumeHandler(session.before, handler, config.habits.press_speed_mm_s)
-    return Rig(session.script.parameters, walk, Patience(handler))
+    return Rig(session.script.parameters, state, Patience(handler))
 
 
 def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
@@ -433,13 +429,8 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "subject": session.into.subject,
         "virtual": virtual,
         **_button(session),
-        **_choose(session),
         **({} if session.config.identified is None else {"promised": predicted_bands(session.plan)}),
     }
-
-
-def _choose(session: Session) -> dict[str, Any]:
-    return {} if session.chooses is None else {"choose": dict(session.chooses)}
 
 
 def _button(session: Session) -> dict[str, Any]:
@@ -449,8 +440,13 @@ def _button(session: Session) -> dict[str, Any]:
 def _counted(done: set[int], watch: Watch) -> Watch:
     """Return the watch, with the indices of finished indentations added to a set."""
 
+    begun: Mapping[str, Any] = {}
+
     def counted(stream: str, data: Mapping[str, Any]) -> None:
-        if stream == "indentation_end":
+        nonlocal begun
+        if stream == "indentation_start":
+            begun = data
+        elif stream == "hold_end" and is_last_hold(data, begun):
             done.add(data["index"])
         watch(stream, data)
 

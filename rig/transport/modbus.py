@@ -25,6 +25,8 @@ from rig.transport.wire import Transport, arrived, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
+# A request that is answered by "not now" is repeated at this interval, for the time of two replies.
+ASK_AGAIN_S = 0.02
 BROADCAST = 0
 # Replies on a serial line have no number. For LATE_S after an unanswered request, its reply may still arrive and be
 # taken for the reply to a later request of the same kind, so such requests wait for a second reply.
@@ -42,6 +44,8 @@ _EXCEPTIONS = {
     5: "acknowledged, not done yet", 6: "device busy", 8: "memory parity error",
     10: "gateway path unavailable", 11: "the device behind the gateway does not answer",
 }  # fmt: skip
+_NOT_NOW = (5, 6, 10, 11)
+_NOT_DONE = (6, 10)  # a device that acknowledges, or whose answer does not reach its gateway, may obey
 
 
 class ModbusError(RigError):
@@ -68,6 +72,16 @@ class ModbusRefused(ModbusError):  # noqa: N818
     default_code = "refused"
 
 
+class ModbusBusy(ModbusRefused):
+    """Error of a request that the device, or its gateway, cannot answer now."""
+
+    default_code = "busy"
+
+
+class ModbusNotDone(ModbusBusy):
+    """Error of a request that was not carried out, since the device, or its gateway, is busy."""
+
+
 @dataclass(frozen=True)
 class _Unanswered:
     """Kind of a request without a reply, and the time (s) until which its reply was awaited."""
@@ -85,7 +99,9 @@ class ModbusMaster:
     """Master of one bus (RTU) or one connection (TCP); devices have ids 1 … 247.
 
     baud determines the silence between RTU frames. reply_s bounds the wait for a reply. A read that times out or is
-    garbled is repeated, up to read_tries in all; a write is not, since the device may have carried it out.
+    garbled is repeated, up to read_tries in all; a write is not, since the device may have carried it out. A read
+    that the device cannot answer now, or a write that it did not carry out because it is busy, is repeated until two
+    replies could have come, or until send_now().
 
     Many RS-485 adapters echo. The first read detects this, and the echo is then removed from every reply, so that
     the echo of a write, which equals the reply to function 06, does not count as one.
@@ -113,6 +129,7 @@ class ModbusMaster:
         self._transaction = 0
         self._unanswered: _Unanswered | None = None
         self._one = threading.Lock()
+        self._times_sent_now = 0  # counted from any thread
         # whether the adapter echoes; None until the first read
         self.echoes: bool | None = None if self._rtu else False
 
@@ -126,10 +143,14 @@ class ModbusMaster:
 
     def read(self, device_id: int, address: int, count: int = 1) -> list[int]:
         """Read `count` registers of 16 bits from `address` on (function 03). Raises ModbusError, TransportError."""
+        request = ReadHoldingRegistersRequest(dev_id=device_id, address=address, count=count)
+        answer = self._repeated(ModbusBusy, lambda: self._read(request))
+        return list(answer.registers)
+
+    def _read(self, request: ReadHoldingRegistersRequest) -> ModbusPDU:
         for left in reversed(range(self._read_tries)):
-            request = ReadHoldingRegistersRequest(dev_id=device_id, address=address, count=count)
             try:
-                return list(self._exchange(request, lambda answer: len(answer.registers) == count).registers)
+                return self._exchange(request, lambda answer: len(answer.registers) == request.count)
             except (ModbusTimeout, ModbusGarbled):
                 if not left:
                     raise
@@ -140,18 +161,35 @@ class ModbusMaster:
     def write_one(self, device_id: int, address: int, value: int) -> None:
         """Write one register (function 06). Raises ModbusError, TransportError."""
         request = WriteSingleRegisterRequest(dev_id=device_id, address=address, registers=[value])
-        self._exchange(request, lambda answer: (answer.address, list(answer.registers)) == (address, [value]))
+        self._write(request, lambda answer: (answer.address, list(answer.registers)) == (address, [value]))
 
     def write(self, device_id: int, address: int, values: Sequence[int]) -> None:
         """Write registers from `address` on in one frame (function 16). Raises ModbusError, TransportError."""
         request = WriteMultipleRegistersRequest(dev_id=device_id, address=address, registers=list(values))
-        self._exchange(request, lambda answer: (answer.address, answer.count) == (address, len(values)))
+        self._write(request, lambda answer: (answer.address, answer.count) == (address, len(values)))
+
+    def _write(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> None:
+        self._repeated(ModbusNotDone, lambda: self._exchange(request, fits))
+
+    def _repeated(self, kind: type[ModbusBusy], exchange: Callable[[], ModbusPDU]) -> ModbusPDU:
+        """Repeat an exchange while it ends in this error; a stop that was sent meanwhile must stay the last word."""
+        until_s, times = self._clock.monotonic_s() + 2 * self._reply_s, self._times_sent_now
+        while True:
+            try:
+                return exchange()
+            except kind:
+                if self._clock.monotonic_s() + ASK_AGAIN_S >= until_s:
+                    raise
+                self._clock.wait_s(ASK_AGAIN_S)
+                if self._times_sent_now != times:
+                    raise
 
     def send_now(self, device_ids: Sequence[int], address: int, value: int) -> None:
         """Write one register of several devices in one write, without waiting for replies.
 
         On a serial bus frames need silence between them, so several devices get one broadcast. Raises TransportError.
         """
+        self._times_sent_now += 1
         if self._rtu and len(device_ids) > 1:
             device_ids = [BROADCAST]
         requests = [WriteSingleRegisterRequest(dev_id=n, address=address, registers=[value]) for n in device_ids]
@@ -281,8 +319,10 @@ class ModbusMaster:
             pass
 
     def _refused(self, request: ModbusPDU, answer: ModbusPDU) -> ModbusRefused:
-        meaning = _EXCEPTIONS.get(answer.exception_code, "see the device's manual")
-        return ModbusRefused(f"{self._label(request)}: refused with exception {answer.exception_code}, {meaning}")
+        number = answer.exception_code
+        kind = ModbusNotDone if number in _NOT_DONE else ModbusBusy if number in _NOT_NOW else ModbusRefused
+        meaning = _EXCEPTIONS.get(number, "see the device's manual")
+        return kind(f"{self._label(request)}: refused with exception {number}, {meaning}")
 
     def _label(self, request: ModbusPDU) -> str:
         code = request.function_code

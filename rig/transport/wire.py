@@ -88,6 +88,11 @@ class LineReader:
                 return None
         return self._lines.popleft()
 
+    @property
+    def unended(self) -> bytes:
+        """Bytes that have been read since the last end of line."""
+        return self._rest
+
     def pending(self) -> Iterator[str]:
         """Yield the lines that have already arrived, without waiting. Raises TransportError."""
         while self._lines:
@@ -113,7 +118,8 @@ class LineReader:
         if len(self._rest) > LONGEST_LINE:
             self._rest = b""
             raise TransportError(
-                f"{self._transport.name}: {LONGEST_LINE} bytes without an end of line; check the baud rate",
+                f"{self._transport.name}: {LONGEST_LINE} bytes without an end of line (LF); check the baud rate, and "
+                "how the device ends its lines",
                 "line_too_long",
             )
 

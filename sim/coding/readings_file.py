@@ -16,7 +16,7 @@ from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorError, points_below
-from sim.tables import TableError, header_of, numbers_of, read_numbered
+from sim.tables import TableError, header_of, numbers_of, read_numbered, refuse_rejecting
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
@@ -91,6 +91,7 @@ def read_readings(path: Path, finger: FingertipConfig) -> FileReadings:
     if along and place != "x_mm":
         raise TableError(f"{where}: a column z_mm requires x_mm, not {place}", "sheet_without_x")
     columns = (place, "depth_mm", kind, *noise, *along)
+    refuse_rejecting(path, first, names, (*columns, "noise"))  # which may be meant as sd
     return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.number_text import read_number
 from rig_shared.user_files import lines_of, open_file
 from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, away_from_skin, refuse_far, refuse_uneven
 
@@ -104,7 +105,7 @@ def _plain(value: str) -> str:
 def _number(where: str, settings: Mapping[str, str], key: str) -> float:
     low, high = _OPTIONS[key]
     try:
-        value = float(settings[key])
+        value = read_number(settings[key])
     except ValueError:
         value = float("nan")
     if not low <= value <= high:
@@ -240,7 +241,7 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
     values = []
     for cell in text.split(","):
         try:
-            values.append(float(cell))
+            values.append(read_number(cell))
         except ValueError:
             hint = _SEPARATE if _is_separated_otherwise(text) else ""
             raise HeightMapError(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig_shared.number_text import read_number
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.contact.sizes import wrong_size
@@ -234,7 +235,7 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
     values = []
     for name, cell in zip(COLUMNS, row, strict=True):
         try:
-            value = float(cell)
+            value = read_number(cell)
         except ValueError:
             value = float("nan")
         if not is_number(value):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rig_shared.number_text import read_number
 from rig_shared.user_files import sha256_of
 from sim.contact.height_map import HeightMapError
 from sim.contact.indentor import ACROSS, MOST_TURN_DEG, Indentor, Prismatic, Revolved
@@ -203,7 +204,7 @@ def with_raised_side(text: str) -> str:
 
 def _turned(text: str, shape: str, turn: str | None) -> Indentor:
     try:
-        turn_deg = 90.0 if turn is None else float(turn)
+        turn_deg = 90.0 if turn is None else read_number(turn)
     except ValueError:
         turn_deg = float("nan")
     if not abs(turn_deg) <= MOST_TURN_DEG:
@@ -317,7 +318,7 @@ def _as_written(kind: str, argument: str) -> str:
 
 def _number(text: str, argument: str, what: str, unit: str, low: float, high: float) -> float:
     try:
-        value = float(argument)
+        value = read_number(argument)
     except ValueError:
         raise ShapeError(f"shape {text!r}: must have a {what} in {unit} after the colon", "no_dimension") from None
     if not low <= value <= high:

@@ -54,7 +54,7 @@ class SkinSearch(NamedTuple):
     touch_gwt: float
 
 
-class Chooser:
+class PressSelector:
     """Goals of an identification, and the choice of presses that determine them."""
 
     def __init__(

@@ -18,6 +18,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from rig_shared.number_text import read_number
 from rig_shared.user_files import open_file
 from sim.announce import taking_long
 from sim.compiling import cache_dir as cache_dir
@@ -78,7 +79,7 @@ def most_bytes() -> float:
     if setting is None:
         return MOST_BYTES
     try:
-        most = 1e9 * float(setting)
+        most = 1e9 * read_number(setting)
     except ValueError:
         most = math.nan
     if not 0 <= most < math.inf:
@@ -145,7 +146,9 @@ def simulator_code() -> str:
 
 def model_code(root: Path) -> list[Path]:
     """Return the modules of `sim`, at `root`, and of `rig_shared` beside it that determine a finger's model."""
-    shared = [root.parent / "rig_shared" / name for name in ("accounts.py", "errors.py", "user_files.py")]
+    shared = [
+        root.parent / "rig_shared" / name for name in ("accounts.py", "errors.py", "number_text.py", "user_files.py")
+    ]
     paths = [*shared, *(root / code for code in _CODE)]
     return [source for path in paths for source in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
 

@@ -16,6 +16,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig_shared.number_text import read_number
 from sim.errors import ModelRangeError
 from sim.measures.receptors import tissue_below
 from sim.models.fingertip import Fingertip
@@ -400,7 +401,7 @@ def _place(x: str | None, along: str | None) -> tuple[float, float] | None:
     if x is None:
         return None
     try:
-        return float(x), float(along or 0.0)
+        return read_number(x), read_number(along or "0")
     except ValueError:
         return math.nan, math.nan
 

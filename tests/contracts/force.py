@@ -53,6 +53,18 @@ class NoWeight:
     mangled: Frame = as_it_is
 
 
+def without_line_end(line: bytes) -> Mapping[str, NoWeight]:
+    """A line that ends otherwise than with LF: bytes arrive, and the cable is no reason."""
+    ends = {
+        "CR alone": line + b"\r",
+        "STX and ETX": b"\x02" + line + b"\x03",
+        "ETX and a checksum": b"\x02" + line + b"\x034F",
+        "no end": line,
+        "a beginning": line[:5],
+    }
+    return {name: NoWeight(data, ForceTimeout, "no_line_end") for name, data in ends.items()}
+
+
 @dataclass(frozen=True)
 class Zeroing:
     """Replies while the sensor is zeroed, each question's one after the other; without a kind it is zeroed.
@@ -72,6 +84,7 @@ class ForceBytes:
 
     name: of the table. kind: as in the catalogue; table: of [force]. usual: the good reply to every question.
     on_connect, on_identify: the questions of these. reading: the question for a weight. zero: the command.
+    not_now: replies upon which it is asked again, and the error if it says nothing else.
     lacks: what this device cannot say, and why. heard: the question in a frame; said: the frame of a reply to one.
     stream_s: a device that replies to no question sends its reading, that of the question UNASKED, so often.
     """
@@ -90,6 +103,7 @@ class ForceBytes:
     refusals: Mapping[str, NoWeight]
     garbled: Mapping[str, NoWeight]
     zeroing: Mapping[str, Zeroing]
+    not_now: Mapping[str, NoWeight] = field(default_factory=dict)
     lacks: Mapping[str, str] = field(default_factory=dict)
     heard: Frame = as_it_is
     said: Callable[[bytes, bytes], bytes] = lambda question, reply: reply
@@ -172,7 +186,9 @@ class Connected:
         bench = KnownBench.model_validate(
             {"force": {"kind": device.kind, **device.table}, "calibration": calibration}
         )
-        self.driver: ForceSensor = find(ForceKind, device.kind).driver(lambda port: self.wire, self.clock, bench)
+        kind = find(ForceKind, device.kind)
+        self.max_age_s = kind.max_age_s(bench.force)
+        self.driver: ForceSensor = kind.driver(lambda port: self.wire, self.clock, bench)
         self.driver.connect()
         self.wire.asked.clear()
         self.begun_s = self.clock.monotonic_s()
@@ -204,7 +220,7 @@ class ForceContract:
 
     devices: ClassVar[Sequence[ForceBytes]] = ()
     TABLES: ClassVar[Mapping[str, str]] = {
-        "weight": "weights", "refusal": "refusals", "garbled": "garbled", "zeroing": "zeroing",
+        "weight": "weights", "refusal": "refusals", "garbled": "garbled", "zeroing": "zeroing", "not_now": "not_now",
     }  # fmt: skip
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
@@ -285,6 +301,26 @@ class ForceContract:
         assert there.lasts_s(there.driver.read, garbled.kind, garbled.code) < GIVES_UP_S
         there.hears_as_usual()
         assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+
+    @pytest.mark.parametrize("times", [1, 4])
+    def test_a_device_that_is_busy_is_asked_again_and_only_its_weight_counts(
+        self, device: ForceBytes, not_now: NoWeight, times: int
+    ) -> None:
+        there = Connected(device)
+        there.answers({device.reading: [not_now.reply] * times + [device.usual[device.reading]]})
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+        assert there.wire.asked == device.questions(times + 1)
+        assert there.clock.monotonic_s() - there.begun_s < there.max_age_s
+
+    def test_a_device_that_stays_busy_is_an_error_within_the_sample_age_and_it_stays_in_step(
+        self, device: ForceBytes, not_now: NoWeight
+    ) -> None:
+        there = Connected(device)
+        there.hears(not_now.reply)
+        assert 0.5 * there.max_age_s < there.lasts_s(there.driver.read, not_now.kind, not_now.code) < there.max_age_s
+        there.hears_as_usual()
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+        assert set(there.wire.asked) == {device.reading}
 
     @pytest.mark.parametrize("after_s", [0.0, 0.002])
     @pytest.mark.parametrize("part", [slice(None), slice(5)], ids=["whole", "its beginning"])

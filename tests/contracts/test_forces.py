@@ -38,7 +38,7 @@ def test_every_registered_sensor_has_its_bytes() -> None:
 def test_a_table_leaves_nothing_open(device: ForceBytes) -> None:
     """What a device cannot say is said, too, and why."""
     assert device.source
-    said = set(device.refusals) | set(device.garbled)
+    said = set(device.refusals) | set(device.garbled) | set(device.not_now)
     assert said | set(device.lacks) >= TO_BE_SAID
     assert not said & set(device.lacks)
     assert set(device.zeroing) >= {"at rest", "never at rest", "overloaded", "silent", "not confirmed"}

@@ -52,12 +52,19 @@ GRBL = ReadOnly(
         b"$I\n": b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n",
     },
     "[VER:1.1h.20190825:] [OPT:V,15,128]",
+    unusable={
+        "old_firmware": {b"?": b"<Idle,MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>\r\n"},
+        "other_firmware": {b"$I\n": b"[VER:3.9 FluidNC v3.9.1 (esp32-wifi) :]\r\n[OPT:MPHS]\r\nok\r\n"},
+    },
 )  # fmt: skip
 MTSICS = ReadOnly(
     "mtsics", SERIAL, (9600, "8N1"),
     {b"I4\r\n": b'I4 A "0123456789"\r\n', b"SI\r\n": b"S D      -0.01 g\r\n"},
     "MT-SICS balance 0123456789",
-    unusable={"wrong_unit": {b"SI\r\n": b"S S 1.00 oz\r\n"}},
+    unusable={
+        "wrong_unit": {b"SI\r\n": b"S S 1.00 oz\r\n"},
+        "no_line_end": {b"I4\r\n": b'I4 A "0123456789"\r'},
+    },
 )  # fmt: skip
 LEADSHINE_RTU = ReadOnly(
     "leadshine", SERIAL, (115200, "8N1"),

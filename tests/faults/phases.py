@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError, TripError, indent, verbs
-from rig.engine.jog import DOWN
+from rig.engine.motion import DOWN
 from rig.engine.steps import Steps
 from rig.errors import RigError
 from rig.plan.config import Config

@@ -10,19 +10,19 @@ class Tap(Step[ExpectedTouch, None]):
     """Touch the present place so many times, to tell a subject that presses follow."""
 
     verb: ClassVar[str] = "tap"
-    owed: ClassVar[Owed] = Owed.LAST
+    on_resume: ClassVar[ResumeRule] = ResumeRule.LAST
 
     times: int
 
-    def check(self, walk: Walk) -> Spot:
-        walk.need_ready(self.verb)
+    def check(self, state: ScriptState) -> PressPlace:
+        state.need_ready(self.verb)
         refuse_count(self.verb, "times", self.times)
-        return walk.spot("find", self.times)
+        return state.place("find", self.times)
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedTouch:
-        contact_mm = walk.model.touch_height_mm(spot.indentor, spot.x_mm, spot.along_mm)
-        refuse_approach(self.verb, contact_mm, walk.settings)
-        return ExpectedTouch(spot.ids[0], contact_mm)
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedTouch:
+        contact_mm = state.model.touch_height_mm(place.indentor, place.x_mm, place.along_mm)
+        refuse_approach(self.verb, contact_mm, state.settings)
+        return ExpectedTouch(place.ids[0], contact_mm)
 
     def execute(self, engine: Engine, expected: ExpectedTouch) -> None:
         first, times = expected.press.index, self.times

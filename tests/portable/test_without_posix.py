@@ -269,7 +269,7 @@ import time
 import rig.protocol.handlers as patience
 patience.LONGEST_SILENCE_S = 0.2
 class Then:
-    def handle(self, step, spot):
+    def handle(self, step, place):
         time.sleep(0.5)  # in a step nobody is impatient
         return "done"
 patient = patience.Patience(Then())
@@ -298,7 +298,7 @@ sent, done = [], []
 api = types.SimpleNamespace(PyThreadState_SetAsyncExc=lambda thread, kind: sent.append(kind))
 patience.ctypes = types.SimpleNamespace(c_ulong=ctypes.c_ulong, py_object=ctypes.py_object, pythonapi=api)
 class Then:
-    def handle(self, step, spot):
+    def handle(self, step, place):
         done.append(step)
 patient = patience.Patience(Then())
 try:

@@ -13,7 +13,7 @@ from rig.bench.virtual import bench_around
 from rig.devices.base import ForceReading, StageStatus
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
-from rig.engine.jog import Direction, slices
+from rig.engine.motion import Direction, slices
 from rig.engine.sensing import ForceZero
 from rig.engine.steps import MOST_MM, StepEnd
 from rig.errors import EngineError

@@ -14,9 +14,9 @@ from rig.devices.make_drivers import force_driver
 from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
-from rig.engine.jog import DOWN
+from rig.engine.motion import DOWN
 from rig.engine.sensing import ForceZero, Sensing
-from rig.manual.session import take_zero
+from rig.engine.steps import take_zero
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
 from rig.settings import RigSettings

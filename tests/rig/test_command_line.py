@@ -177,7 +177,16 @@ def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:
     assert answer["code"] == "no_contact"
     assert (answer["complete"], answer["indentations"]) == (False, 0)
     assert list(read_journal(Path(answer["run"]) / "events.jsonl"))[-1]["status"] == "tripped"
-    assert Path(answer["report"]).exists()
+    before = _ending_on_page(Path(answer["report"]))
+    assert [about for about in ("where", "next", "resume") if f"<td>{about}</td>" in before] == [
+        "where", "next", "resume",
+    ]  # fmt: skip
+    assert rig("export", answer["run"], "--report").code == 0
+    assert _ending_on_page(Path(answer["report"])) == before
+
+
+def _ending_on_page(report: Path) -> str:
+    return report.read_text("utf-8").partition('<table id="ending">')[2].partition("</table>")[0]
 
 
 def test_a_script_that_fails_only_when_it_is_carried_out(rig: Rig, script: Path) -> None:
@@ -189,6 +198,9 @@ def test_a_script_that_fails_only_when_it_is_carried_out(rig: Rig, script: Path)
     assert ended.json["code"]
     assert ended.json["complete"] is False
     assert list(read_journal(Path(ended.json["run"]) / "events.jsonl"))[-1]["status"] == "failed"
+    assert rig("export", ended.json["run"], "--report").code == 0
+    page = _ending_on_page(Path(ended.json["run"]) / "report.html")
+    assert all(words in page for words in ("<td>next</td>", "correct the problem, then", "rig resume"))
 
 
 # --- Ctrl-C ---

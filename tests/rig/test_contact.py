@@ -14,8 +14,9 @@ from rig.bench.checks import contact_as_json
 from rig.data.run import read_run
 from rig.engine import Engine, RecordError, RunAborted, indent, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, ContactRecord, KnownContact, judged
-from rig.engine.jog import DOWN, UP, Direction
+from rig.engine.contact import KINDS, ContactKind, ContactRecord, KnownContact, contact_kind
+from rig.engine.contact_words import DOES_NOT_TOUCH, MAY_TOUCH
+from rig.engine.motion import DOWN, UP, Direction
 from rig.engine.sensing import Sensing
 from rig.engine.steps import Steps
 from rig.manual.status import ManualStatus
@@ -38,7 +39,7 @@ FORCES: dict[ContactKind, float | None] = {
 
 @given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
 def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None, touch_gwt: float) -> None:
-    found = KnownContact(judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
+    found = KnownContact(contact_kind(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
     confirmed = clear and force_gwt is not None and abs(force_gwt) < touch_gwt
     assert found.may_touch is not confirmed
     assert (found.to_do is None) is confirmed

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.devices.base import StageStatus
-from rig.engine.corridor import Corridor
-from rig.engine.motion import StrayedError, refuse_strayed
+from rig.engine.motion import Corridor, StrayedError, refuse_strayed
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
 

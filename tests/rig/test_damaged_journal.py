@@ -203,7 +203,7 @@ def test_every_command_that_reads_a_run_names_the_stored_file_that_has_changed(
     for name in ("beside.py", "shape_map.npy"):
         (folder / name).touch()
     (folder / "SHA256SUMS").unlink()
-    RunFolder(folder).write_checksums()
+    RunFolder(folder).write_checksums(new=True)
     text = (folder / file).read_text("utf-8")
     (folder / file).write_text(
         f"{text[:-1]} {text[-1:]}" if file.endswith("json") else f"{text}\n[", encoding="utf-8"
@@ -213,6 +213,25 @@ def test_every_command_that_reads_a_run_names_the_stored_file_that_has_changed(
         ended = program(name, folder, *options)
         (said,) = (line for line in ended.err.splitlines() if "since the run began" in line)
         assert f"{file} changed" in said
+
+
+@pytest.mark.parametrize("lost", ["SHA256SUMS", "a line of it"])
+@pytest.mark.parametrize("command", READERS)
+def test_every_command_that_reads_a_run_says_what_cannot_be_verified(
+    program: Program, folder: Path, command: str, lost: str
+) -> None:
+    """Whether a file was edited is not known without its checksum, and is no proof that it was not."""
+    sums = folder / "SHA256SUMS"
+    lines = sums.read_text("utf-8").splitlines(keepends=True)
+    sums.unlink()
+    if lost == "a line of it":
+        sums.write_text("".join(line for line in lines if "config.toml" not in line), encoding="utf-8")
+    name, *options = command.split()
+    for _ in range(2):  # an export writes other checksums
+        ended = program(name, folder, *options)
+        (said,) = (line for line in ended.err.splitlines() if "cannot be verified" in line)
+        assert "config.toml" in said
+        assert ("protocol.py" in said) is (lost == "SHA256SUMS")
 
 
 @pytest.mark.parametrize("options", [(), ("--table", "all.csv"), ("--json",)])

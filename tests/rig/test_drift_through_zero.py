@@ -14,7 +14,7 @@ import pytest
 
 from rig.engine import Engine, EngineError, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.jog import Direction
+from rig.engine.motion import Direction
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.engine.steps import Steps
 from rig.errors import LimitError

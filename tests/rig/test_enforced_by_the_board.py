@@ -111,6 +111,23 @@ def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
     assert bench.board.carriage_steps_at(bench.clock.monotonic_s())[2] == pytest.approx(-28.6 * 400)
 
 
+def test_a_board_that_counts_from_where_homing_ends_homes_and_moves_as_any_other() -> None:
+    """Built with the option Z; its carriage is where it is told to be, from 1 mm below the switch."""
+    bench = Bench()
+    bench.board.homes_to_origin = True
+    assert "[OPT:VZ," in bench.stage.connect()
+    bench.stage.home()
+    at_home = bench.stage.status()
+    assert (at_home.x_mm, at_home.y_mm, at_home.z_mm) == (0.0, 0.0, 0.0)
+    for x_mm, z_mm in ((-10.0, -20.0), (-0.5, 0.0), (0.0, -28.6)):
+        bench.stage.move_to(z_mm=z_mm, speed_mm_s=5.0)
+        bench.stage.move_to(x_mm=x_mm, speed_mm_s=5.0)
+        steps = bench.board.carriage_steps_at(bench.clock.monotonic_s())
+        assert steps == pytest.approx((x_mm * 400 - 400, -400, z_mm * 400 - 400), abs=0.5)
+    with raises(StageRejected, "line_refused", number=15):
+        bench.stage.jog("z", -0.1, 1.0)
+
+
 def test_a_board_whose_z_homes_downwards_is_refused() -> None:
     with raises(StageError, "not_as_configured", wanted="$23=1", found="found 5"):
         Bench(_23=5).stage.connect()

@@ -98,12 +98,12 @@ NOT_RUN = {
         "tests/rig/test_followed_pages.py"
     ),
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --minutes 10": DESIGN,
-    "rig check designed.py --config rig.toml --choose": ADAPTIVE,
-    "rig run designed.py --config rig.toml --choose counts.csv": ADAPTIVE,
+    "rig check designed.py --config rig.toml counts=counts.csv": ADAPTIVE,
+    "rig run designed.py --config rig.toml counts=counts.csv": ADAPTIVE,
     (
         "rig design --candidates ep1,sed,e22 --shapes bar:3.0,cylinder:3 --depths-mm 0.25,0.5,1 --minutes 3 --quick"
     ): ADAPTIVE,
-    "rig dry-run designed.py --choose virtual:ep1@3": ADAPTIVE,
+    "rig dry-run designed.py counts=virtual:ep1@3": ADAPTIVE,
     "rig check designed.py": DESIGN,
     "rig dry-run designed.py": DESIGN,
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --counts counts.csv": DESIGN,
@@ -186,6 +186,23 @@ def _lines(block: Block) -> list[str]:
 
 def _is_study(line: str) -> bool:
     return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies[. ]", line) is not None
+
+
+STUDIES = sorted(
+    {
+        found
+        for page in PAGES
+        for found in re.findall(r"python -m (studies[^`#\n]*)", page.read_text(encoding="utf-8"))
+    }
+)
+
+
+@pytest.mark.parametrize("command", STUDIES)
+def test_a_study_has_the_options_that_a_page_names(command: str) -> None:
+    module, *words = command.split()
+    path = ROOT.joinpath(*module.split("."))
+    source = (path / "__main__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
+    assert [word for word in words if word.startswith("--") and f'"{word}"' not in source] == []
 
 
 TO_RUN = {

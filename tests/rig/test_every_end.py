@@ -17,7 +17,8 @@ import pytest
 import rig.session.session as sessions
 from rig.data.journal import Journal, read_journal
 from rig.devices.base import ForceReading
-from rig.engine.contact import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH, KnownContact
+from rig.engine.contact import KnownContact
+from rig.engine.contact_words import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH
 from rig.session import early_ending
 from sim.models.fingertip import Fingertip
 from tests.preloaded import Popen

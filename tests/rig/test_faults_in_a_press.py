@@ -1,5 +1,6 @@
 """Presses under faults of the stages and the sensor that are not in tests/faults/catalogue.py."""
 
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 
 from rig.devices.registry import ForceKind, find
+from sim.devices.modbus import RegisterFault
 from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed
 from tests.error_codes import causes, shows
 from tests.faults.catalogue import Fault
@@ -112,6 +114,97 @@ def test_one_wrong_message_now_and_then_ends_nothing(kind: str, tmp_path: Path) 
 
     _pressed_to_the_same_force(_changed(in_turn), tables, tmp_path)
     assert not left
+
+
+# --- a device that is busy ---
+
+Now = Callable[[], bool]
+"""Whether the next request or answer is refused."""
+
+
+def _refuses(number: int) -> Callable[[FaultyBench, Now], None]:
+    """Registers that refuse reads and writes, which they then do not obey."""
+
+    def strike(bench: FaultyBench, now: Now) -> None:
+        leadshine = bench.config.stage.kind == "leadshine"
+        for device in (bench.board.x, bench.board.z) if leadshine else (bench.sensor,):
+            for name in ("read", "write"):
+                setattr(device, name, _or_fault(getattr(device, name), number, now))
+
+    return strike
+
+
+def _or_fault(obey: Callable[..., Any], number: int, now: Now) -> Callable[..., Any]:
+    def refuse_or_obey(*request: Any) -> Any:
+        if now():
+            raise RegisterFault(number)
+        return obey(*request)
+
+    return refuse_or_obey
+
+
+def _says(reply: bytes) -> Callable[[FaultyBench, Now], None]:
+    """A balance that answers so instead of with a weight."""
+    return lambda bench, now: bench.change(
+        bench.force_line, lambda data: [reply] if data.startswith((b"S S ", b"S D ")) and now() else [data]
+    )
+
+
+Answer = tuple[dict[str, Any], Callable[[FaultyBench, Now], None]]
+LAUMAS = {"force": {"kind": "laumas", "baud": 115200}, **NEAR}
+MTSICS = {"force": {"kind": "mtsics"}, **NEAR}
+LEADSHINE = {"stage": {"kind": "leadshine"}, **NEAR}
+BUSY: dict[str, Answer] = {
+    "laumas: 6": (LAUMAS, _refuses(6)),
+    "laumas: 11": (LAUMAS, _refuses(11)),
+    "leadshine: 6": (LEADSHINE, _refuses(6)),
+    "mtsics: S I": (MTSICS, _says(b"S I\r\n")),
+}
+NO_VALUE: dict[str, Answer] = {
+    "laumas: 4": (LAUMAS, _refuses(4)),
+    "mtsics: S +": (MTSICS, _says(b"S +\r\n")),
+    "mtsics: S -": (MTSICS, _says(b"S -\r\n")),
+}
+"""Answers that are final. All numbers: tests/contracts, tests/rig/test_modbus_master.py."""
+everywhere = pytest.mark.parametrize("phase", ["", "clearance", "press"], ids=["in the air", "near", "in contact"])
+BUSY_TIMES = 3
+"""So often one after the other, as answers are lost."""
+
+
+def _struck(phase: str, answer: Callable[[FaultyBench, Now], None], now: Now) -> Callable[[FaultyBench], object]:
+    """At once, on the way to the finger, or from the first sample of a phase on."""
+    if not phase:
+        return lambda bench: answer(bench, now)
+    return lambda bench: bench.after(phase, lambda: answer(bench, now))
+
+
+@everywhere
+@pytest.mark.parametrize("name", BUSY)
+def test_a_device_that_is_busy_now_and_then_ends_nothing(name: str, phase: str, tmp_path: Path) -> None:
+    tables, answer = BUSY[name]
+    asked = itertools.count()
+
+    def now_and_then() -> bool:
+        return next(asked) % (APART + BUSY_TIMES) >= APART
+
+    _pressed_to_the_same_force(_struck(phase, answer, now_and_then), tables, tmp_path)
+    assert next(asked) > 3 * APART
+
+
+@everywhere
+@pytest.mark.parametrize("name", BUSY | NO_VALUE)
+def test_a_device_that_has_no_value_ends_a_press_and_is_no_reading(name: str, phase: str, tmp_path: Path) -> None:
+    """Whether it stays busy or has a final answer; the force is no higher than without a reading."""
+    tables, answer = (BUSY | NO_VALUE)[name]
+    found = suffer(Fault("no value", "", "", _struck(phase, answer, lambda: True), tables), tmp_path)
+    assert found.ended_by is not None
+    assert found.worst_gwt <= bound_gwt()
+    if "force" in tables:
+        assert (found.outcome, found.ended_by.code) == ("lifted", "no_reading")
+        code = {"S +": "overload", "S -": "underload"}.get(name.split(": ")[1], "refused")
+        assert ("busy" if name in BUSY else code) in causes(found.ended_by)
+    else:
+        assert "busy" in {found.ended_by.code, *causes(found.ended_by)}
 
 
 def _late_in_pieces(bench: FaultyBench) -> None:

@@ -115,7 +115,7 @@ def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: C
 @pytest.mark.parametrize(
     ("board", "settings"),
     [
-        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", "; send it $131=30 (found 0)"),
+        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=0.000\r\n", "; send it $131=30 (found 0)"),
         (b"$20=0\r\n$22=0\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", "; send it $22=1 (found 0)"),
     ],
 )
@@ -125,6 +125,69 @@ def test_a_board_that_is_not_set_as_configured_is_refused(
     stage = GrblStage(scripted([HELLO, *asked(board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings()))
     with raises(StageError, "not_as_configured", settings=settings):
         stage.connect()
+
+
+OLD_STATUS = b"<{state},MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>\r\n"
+FLUIDNC = b"[VER:3.9 FluidNC v3.9.1 (esp32-wifi) :]\r\n[OPT:MPHS]\r\n[MSG: Machine: bench]\r\nok\r\n"
+OLD_FLUIDNC = b"[VER:3.4 FluidNC v3.4.2:]\r\n[OPT:PHS]\r\nok\r\n"
+OTHERS: dict[str, tuple[dict[bytes, bytes], str, str]] = {
+    "GRBL 0.9j": ({b"$I\n": b"[0.9j.20160316:]\r\nok\r\n"}, "old_firmware", "[0.9j.20160316:]"),
+    "GRBL 0.9g": ({b"$I\n": b"[0.9g.20150214:mine]\r\nok\r\n"}, "old_firmware", "0.9g"),
+    "GRBL 0.9j, busy": (
+        {b"$I\n": b"error: Not idle\r\n", b"\x18": b"\r\nGrbl 0.9j ['$' for help]\r\n"}, "old_firmware", "Grbl 0.9j",
+    ),
+    "GRBL 0.8c": (
+        {b"$I\n": b"error: Bad number format\r\n", b"\x18": b"\r\nGrbl 0.8c ['$' for help]\r\n"},
+        "old_firmware", "Grbl 0.8c",
+    ),
+    "FluidNC": ({b"$I\n": FLUIDNC}, "other_firmware", "FluidNC v3.9.1"),
+    "FluidNC, without most settings": (
+        {b"$I\n": OLD_FLUIDNC, b"$$\n": b"$10=1\r\nok\r\n"}, "other_firmware", "FluidNC v3.4.2",
+    ),
+    "no homing, no travel": ({b"$$\n": b"$10=1\r\n$13=0\r\nok\r\n"}, "settings_missing", "$22, $130, $131"),
+    "no soft limits": (
+        {b"$$\n": b"$22=1\r\n$130=60\r\n$131=30\r\nok\r\n"}, "settings_missing", "$20, $132",
+    ),
+}  # fmt: skip
+"""Boards that answer like GRBL 1.1 and are none: by their sources, and what is missing."""
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_board_whose_firmware_cannot_do_it_is_refused_by_name_and_told_no_setting(
+    clock: VirtualClock, name: str
+) -> None:
+    answers, code, shown = OTHERS[name]
+    board = Board(clock)
+    board.answers.update({b"$I\n": HELLO[1]} | answers)
+    stage = GrblStage(board, clock, expected=expected_settings(RigSettings()), bounds=RigSettings().bounds)
+    with raises(StageError, code, port="board", shown=shown) as caught:
+        stage.connect()
+    assert "send it" not in str(caught.value)
+    assert not any(data.startswith(b"$") and b"=" in data for data in board.said)
+
+
+@pytest.mark.parametrize("state", ["Idle", "Run", "Hold", "Home", "Alarm", "Check", "Door"])
+def test_a_status_of_an_old_board_says_so_unless_it_is_noise(clock: VirtualClock, state: str) -> None:
+    """It has commas between its fields; one status may be garbled."""
+    old = OLD_STATUS.replace(b"{state}", state.encode())
+    board = Board(clock)
+    stage = GrblStage(board, clock)
+    board.next[b"?"] = [old, old]
+    assert stage.look().state == "Idle"
+    board.next[b"?"] = [old] * ASK_TIMES
+    with raises(StageError, "old_firmware", port="board", shown=f"<{state},MPos"):
+        stage.look()
+
+
+@pytest.mark.parametrize("number", [8, 9, 13, 18, 45, 46, 50, 51, 79])
+def test_a_board_that_cannot_obey_now_says_why(clock: VirtualClock, number: int) -> None:
+    """Of GRBL 1.1 and grblHAL; the board was reset before it was asked again."""
+    board = Board(clock)
+    board.answers[b"$I\n"] = f"error:{number}\r\n".encode()
+    with raises(StageRejected, "line_refused", number=f"error {number}: ") as caught:
+        GrblStage(board, clock).connect()
+    assert "manual" not in str(caught.value)
+    assert board.said.count(b"\x18") == 1
 
 
 # --- lines and answers ---

@@ -190,6 +190,40 @@ def test_a_board_has_homed_where_its_settings_say(
         assert not stage.homed
 
 
+@pytest.mark.parametrize("options", ["VZ,15,128", "VNMPZHL,35,1024,3,0", "Z"])
+@pytest.mark.parametrize("off", [0.5, 1.0])
+def test_a_board_with_the_option_z_has_homed_at_its_origin(board: Board, options: str, off: float) -> None:
+    """GRBL built with HOMING_FORCE_SET_ORIGIN: where homing ends is 0, whatever the pull-off."""
+    board.answers[b"$I\n"] = f"[VER:1.1h.20190825:Z]\r\n[OPT:{options}]\r\nok\r\n".encode()
+    board.answers[b"$$\n"] = HOMES.format(off=off, down=0, z="$132=40.0\r\n").encode()
+    stage = connected(board, homed=False)
+    board.status = at("Idle", 0.0, 0.0, 0.0)
+    stage.home()
+    assert stage.homed
+    for elsewhere in ((-off, -off, -off), (0.0, 0.01, 0.0)):
+        board.status = at("Idle", *elsewhere)
+        with raises(StageError, "did_not_home"):
+            stage.home()
+        assert not stage.homed
+
+
+@pytest.mark.parametrize(
+    ("options", "down", "wanted"),
+    [*(("VZ,15,128", down, 0) for down in (1, 2, 3, 4, 7)), ("V,15,128", 3, None), ("V,15,128", 7, 3)],
+)
+def test_with_the_option_z_every_axis_homes_at_its_positive_end(
+    board: Board, options: str, down: int, wanted: int | None
+) -> None:
+    """Otherwise its positions would be positive, and each move beyond its soft limits."""
+    board.answers[b"$I\n"] = f"[VER:1.1h.20190825:]\r\n[OPT:{options}]\r\nok\r\n".encode()
+    board.answers[b"$$\n"] = HOMES.format(off=1.0, down=down, z="$132=40.0\r\n").encode()
+    if wanted is None:
+        connected(board, homed=False)
+    else:
+        with raises(StageError, "not_as_configured", settings=f"$23={wanted} (found {down}, with"):
+            connected(board, homed=False)
+
+
 @pytest.mark.parametrize(("after_s", "fine"), [(1.85, True), (2.25, False)])
 def test_a_board_has_two_seconds_to_begin_to_home(
     board: Board, clock: VirtualClock, after_s: float, fine: bool

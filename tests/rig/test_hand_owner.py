@@ -11,9 +11,9 @@ import pytest
 from rig.devices.base import ForceReading, ForceTimeout, MoveError, StageError
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, Sensing
+from rig.engine.steps import take_zero
 from rig.errors import BadInputError, LimitError
 from rig.manual import status as hand_log
-from rig.manual.session import take_zero
 from rig.manual.status import AT_A_TIME, COLUMNS, KEPT, Backlog, ManualLog
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from rig.engine import Target, TripError, indent
-from rig.engine.bench import Heartbeat
-from rig.engine.limits import Stopping
+from rig.engine.limits import Heartbeat, Stopping
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises

@@ -64,7 +64,7 @@ def test_a_number_has_its_unit_and_a_default_or_what_its_absence_means() -> None
             assert option.required or option.default is not None or ABSENT.search(option.help), name
 
 
-KNOWN = {"--choose", "--columns"}
+KNOWN = {"--columns"}
 """Flags of one command that concern the same thing as the value of another."""
 
 

@@ -16,7 +16,7 @@ from rig.bench.find_devices import PortFound, look_at_port, stable_name
 from rig.cli import init
 from rig.cli.init import FINGERS, QUESTIONS
 from rig.clock import WallClock
-from rig.devices.base import ForceError
+from rig.devices.base import ForceError, StageError
 from rig.devices.registry import ForceKind, StageKind, find
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
@@ -201,11 +201,21 @@ def test_ports_that_do_not_answer_are_taken_as_given_with_a_warning(rig_init: In
     assert load_config(Path("rig.toml")).stage.kind == "leadshine"
 
 
-def test_a_device_that_is_there_and_cannot_be_used_is_taken(rig_init: Init) -> None:
-    problem = ForceError("set it to g", "wrong_unit")
-    ended = rig_init("--yes", *_options(), found=(BOTH[0], PortFound(SENSOR, MTSICS, problem=problem)))
-    assert ended.code == 0
-    assert "set it to g" in ended.err
+@pytest.mark.parametrize(
+    ("found", "shown"),
+    [
+        ((BOTH[0], PortFound(SENSOR, MTSICS, problem=ForceError("set it to g", "wrong_unit"))), "set it to g"),
+        ((PortFound(STAGE, GRBL, problem=StageError("older than 1.1", "old_firmware")), BOTH[1]), "older than 1.1"),
+    ],
+)
+def test_a_device_that_is_there_and_cannot_be_used_is_taken_with_a_warning(
+    rig_init: Init, found: tuple[PortFound, ...], shown: str
+) -> None:
+    """It may be set right later."""
+    for words in ([], ["--json"]):
+        ended = rig_init("--yes", "--replace", *words, *_options(), found=found)
+        assert ended.code == 0
+        assert ended.err.count(f"rig: warning: {shown}") == 1
 
 
 # --- questions at a terminal ---

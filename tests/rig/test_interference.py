@@ -7,7 +7,7 @@ import pytest
 
 from rig.devices.base import LOOK_S, StageError, StageHeld, StageOverridden, arrive
 from rig.devices.grbl import GrblStage
-from rig.engine.jog import Direction, jog
+from rig.engine.motion import Direction, jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

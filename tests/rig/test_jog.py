@@ -10,8 +10,7 @@ from rig.cli.jog import QUIET_S, KeySteps, way
 from rig.devices.base import StageError, StageHeld, StageRejected, StageStatus
 from rig.devices.grbl import GrblStage
 from rig.engine.contact import KnownContact
-from rig.engine.jog import DOWN, UP, Direction, jog, lift_from_rest
-from rig.engine.motion import StrayedError
+from rig.engine.motion import DOWN, UP, Direction, StrayedError, jog, lift_from_rest
 from rig.engine.steps import MOST_MM, StepEnd
 from rig.errors import BadInputError, LimitError
 from rig.transport import LoopbackTransport, TransportError

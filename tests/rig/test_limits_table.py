@@ -19,7 +19,7 @@ from rig.records import PlannedIndentation, PredictionBand, Target
 from rig.settings import SLOWEST_MM_S, RigSettings
 from rig.units import GWT_N
 from tests.error_codes import has_code, raises
-from tests.rig.script_walk import StandIn, ready, refused, walked
+from tests.rig.script_state import StandIn, ready, refused, walked
 
 Tables = dict[str, dict[str, Any]]
 Range = tuple[float, float]

@@ -17,7 +17,7 @@ from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE, Meanwhile
 from rig.engine.engine import State
-from rig.engine.jog import Direction, jog
+from rig.engine.motion import Direction, jog
 from rig.plan.config import Config
 from rig.transport import LoggedTransport, LoopbackTransport
 from rig.units import GWT_N

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rig.settings import Framing
 from rig.transport import LoopbackTransport, modbus
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import ModbusBusy, ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
@@ -104,11 +104,14 @@ ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number
 """What an error about READ_2 names."""
 
 
-@pytest.mark.parametrize("number", [1, 11])
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 7, 8])
 def test_an_exception_response_says_function_register_and_code(master: Any, rtu: Rtu, number: int) -> None:
     bus = master([(READ_2, rtu(f"01 83 {number:02X}"))])
     with raises(ModbusRefused, "refused", number=f"exception {number},", **ABOUT_2):
         bus.read(1, 7, 2)
+
+
+NOT_NOW = pytest.mark.parametrize("number", [5, 6, 10, 11])
 
 
 def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
@@ -144,13 +147,59 @@ class LateTransport(TimedWire):
 
     def __init__(self, clock: VirtualClock, answers: list[list[tuple[float, bytes]]]) -> None:
         super().__init__(clock)
-        self.answers, self.sent_s = answers, list[float]()
+        self.answers, self.sent_s, self.sent = answers, list[float](), list[bytes]()
 
     def write(self, data: bytes) -> None:
         now_s = self.clock.monotonic_s()
         self.sent_s.append(now_s)
+        self.sent.append(data)
         self.coming += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
         self.coming.sort(key=lambda due: due[0])
+
+
+@NOT_NOW
+def test_a_read_that_cannot_be_answered_now_is_asked_again(clock: VirtualClock, rtu: Rtu, number: int) -> None:
+    """As long as two replies may take, 0.4 s, also after a lost one; then the device is busy."""
+    busy, good = [(0.005, rtu(f"01 83 {number:02X}"))], [(0.005, rtu(ANSWER_2))]
+    wire = LateTransport(clock, [busy, busy, [], busy, good, *[busy] * 40])
+    bus = ModbusMaster(wire, clock)
+    assert bus.read(1, 7, 2) == [1, 0x86A0]
+    assert len(wire.sent_s) == 5
+    begun_s = clock.monotonic_s()
+    with raises(ModbusBusy, "busy", number=f"exception {number},", **ABOUT_2 | {"port": "wire"}):
+        bus.read(1, 7, 2)
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.4, abs=0.03)
+
+
+@pytest.mark.parametrize("number", [6, 10])
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_write_that_a_busy_device_did_not_obey_is_sent_again_unless_a_stop_was(
+    clock: VirtualClock, rtu: Rtu, number: int, stopped: bool
+) -> None:
+    """A trigger that is sent after a stop would move the stage."""
+    busy, stop = [(0.005, rtu(f"01 86 {number:02X}"))], rtu("01 06 60 02 00 40")
+    wire = LateTransport(clock, [busy, busy, *([[]] if stopped else []), [(0.005, GOLDEN_SAVE)], *[busy] * 40])
+    bus = ModbusMaster(wire, clock)
+    if stopped:
+        clock.call_at(0.03, lambda: bus.send_now([1], 0x6002, 0x40))
+        with raises(ModbusBusy, "busy"):
+            bus.write_one(1, 0x1801, 0x2244)
+        assert wire.sent == [GOLDEN_SAVE, GOLDEN_SAVE, stop]
+        return
+    bus.write_one(1, 0x1801, 0x2244)
+    assert wire.sent == [GOLDEN_SAVE] * 3
+    begun_s = clock.monotonic_s()
+    with raises(ModbusBusy, "busy"):
+        bus.write_one(1, 0x1801, 0x2244)
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.4, abs=0.03)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 7, 8, 11])
+def test_a_write_that_a_device_refused_or_may_have_obeyed_is_not_sent_again(
+    master: Any, rtu: Rtu, number: int
+) -> None:
+    with raises(ModbusRefused, "busy" if number in (5, 11) else "refused"):
+        master([(GOLDEN_SAVE, rtu(f"01 86 {number:02X}"))]).write_one(1, 0x1801, 0x2244)
 
 
 @pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])
@@ -246,7 +295,9 @@ def test_the_framing_is_that_of_the_port_unless_it_is_configured(
         (bytes.fromhex("07 10 62 00 00 08 00 00"), ModbusGarbled, "bad_crc"),
     ],
 )
-def test_a_write_is_never_tried_again(master: Any, answer: bytes, kind: type[ModbusError], code: str) -> None:
+def test_a_write_that_may_have_been_obeyed_is_never_tried_again(
+    master: Any, answer: bytes, kind: type[ModbusError], code: str
+) -> None:
     """It may have been obeyed: a move must not be triggered twice. The script holds it once."""
     with raises(kind, code, function="write"):
         master([(GOLDEN_WRITE, answer)]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
@@ -349,7 +400,17 @@ BEGINNINGS = st.sampled_from(
 )  # fmt: skip
 NOISE = st.builds(lambda first, rest: first + rest, BEGINNINGS, st.binary(max_size=40))
 CODES = {
-    *("no_reply", "incomplete", "bad_crc", "no_modbus", "does_not_fit", "another_device", "late_answer", "refused"),
+    *(
+        "no_reply",
+        "incomplete",
+        "bad_crc",
+        "no_modbus",
+        "does_not_fit",
+        "another_device",
+        "late_answer",
+        "refused",
+        "busy",
+    ),
 }
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from rig.engine import LimitError, RecordError, TripError
-from rig.engine.corridor import PRINTED_MM
 from rig.engine.indentation import ramp
 from rig.engine.limits import UNREAD_S
+from rig.engine.motion import PRINTED_MM
 from rig.records import Indentation
 from rig.units import GWT_N
 from tests.error_codes import raises, shows

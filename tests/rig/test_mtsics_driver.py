@@ -1,5 +1,6 @@
 """What only a balance does, as pairs of bytes, at a late hour of the clock; the rest is in tests/contracts."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,7 @@ from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceTimeout,
 from rig.devices.mtsics import MtSicsForce
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
+from tests.timed_wire import TimedWire
 
 GWT_N = 9.80665e-3
 HELLO = (b"@\r\n", b'I4 A "0123456789"\r\n')
@@ -79,6 +81,18 @@ def test_what_came_unasked_is_no_answer(balance: Balance, late: bytes) -> None:
     assert [force.read().force_n, force.read().force_n] == pytest.approx([GWT_N, GWT_N])
 
 
+@pytest.mark.parametrize("end", [b"\r", b"\x03"], ids=repr)
+def test_a_balance_without_line_ends_is_told_from_a_dead_cable(balance: Balance, end: bytes) -> None:
+    """Greeted, and asked for a weight: what arrives is shown."""
+    number = HELLO[1].rstrip() + end
+    force = balance((b"@\r\n", number), (b"I4\r\n", number), HELLO, (b"SI\r\n", b"S S 1.00 g" + end), HELLO, WEIGHT)
+    with raises(ForceTimeout, "no_line_end", port="scripted", end="end of line", shown=repr(number)[2:-1]):
+        force.connect()
+    with raises(ForceTimeout, "no_line_end", port="scripted", shown=repr(b"S S 1.00 g" + end)):
+        force.read()
+    assert force.read().stable
+
+
 # --- answers ---
 
 
@@ -99,7 +113,9 @@ REFUSALS: list[tuple[str, type[ForceError], str, dict[str, str]]] = [
     ("EL", ForceError, "not_possible", {"command": "{}", "reply": "EL"}),
     ("{} S 1.00 oz", ForceError, "wrong_unit", {"unit": "oz"}),
 ]
-REFUSED = [(command, *row) for command in ASK for row in REFUSALS if (command, row[2]) != ("Z", "wrong_unit")]
+ANOTHER = {("Z", "wrong_unit"), ("SI", "busy"), ("S", "busy")}
+"""Z has no unit; a busy balance is asked for its weight again."""
+REFUSED = [(command, *row) for command in ASK for row in REFUSALS if (command, row[2]) not in ANOTHER]
 
 
 @pytest.mark.parametrize(("command", "reply", "kind", "code", "fields"), REFUSED)
@@ -113,6 +129,52 @@ def test_a_refusal_is_an_error_and_the_balance_stays_in_step(
         ASK[command](force)
     assert type(caught.value) is kind
     assert force.read().stable
+
+
+class BusyWire(TimedWire):
+    """A balance that replies after 10 ms, and is busy in a span of time."""
+
+    busy_s, silent_s = (math.inf, math.inf), math.inf
+
+    def write(self, data: bytes) -> None:
+        now_s = self.clock.monotonic_s()
+        if now_s >= self.silent_s:
+            return
+        assert data != HELLO[0] or now_s == 0.0, "greeted anew"
+        weight = b"S I\r\n" if self.busy_s[0] <= now_s < self.busy_s[1] else WEIGHT[1]
+        self.coming.append((now_s + 0.01, HELLO[1] if data == HELLO[0] else weight))
+
+
+@pytest.mark.parametrize(("command", "lasts_s"), [("SI", 0.5), ("S", 3.0)])
+def test_a_busy_balance_is_asked_for_its_weight_until_the_time_of_the_question_is_over(
+    clock: VirtualClock, command: str, lasts_s: float
+) -> None:
+    """It stays in step: it is not greeted anew."""
+    wire = BusyWire(clock)
+    force, ask = MtSicsForce(wire, clock), ASK[command]
+    ask(force)
+    wire.busy_s = (clock.monotonic_s(), clock.monotonic_s() + 0.8 * lasts_s)
+    ask(force)
+    wire.busy_s = (clock.monotonic_s(), math.inf)
+    with raises(ForceBusy, "busy", command=command):
+        ask(force)
+    assert lasts_s - 0.1 < clock.monotonic_s() - wire.busy_s[0] < lasts_s
+    wire.busy_s = (math.inf, math.inf)
+    assert force.read().stable
+
+
+@pytest.mark.parametrize(("command", "lasts_s"), [("SI", 0.5), ("S", 3.0)])
+def test_a_balance_that_was_busy_and_falls_silent_is_waited_for_no_longer(
+    clock: VirtualClock, command: str, lasts_s: float
+) -> None:
+    wire = BusyWire(clock)
+    force = MtSicsForce(wire, clock)
+    force.read()
+    begun_s = clock.monotonic_s()
+    wire.busy_s, wire.silent_s = (begun_s, math.inf), begun_s + 0.3 * lasts_s
+    with raises(ForceTimeout, "no_reply", command=command):
+        ASK[command](force)
+    assert clock.monotonic_s() - begun_s == pytest.approx(lasts_s)
 
 
 @pytest.mark.parametrize(

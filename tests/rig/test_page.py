@@ -21,7 +21,7 @@ from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.control.stop import OwnedStage
 from rig.devices.base import ForceTimeout
 from rig.devices.mtsics import MtSicsForce
-from rig.engine.contact import MAY_TOUCH
+from rig.engine.contact_words import MAY_TOUCH
 from rig.session.early_ending import FinalPosition
 from rig.transport import TransportError
 from rig.units import GWT_N

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from rig.engine.limits import RampBound, SampleAge, pressure_limit_gwt
+from rig.engine.limits import RampBound, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_file import Draw, IdentifiedFinger
@@ -24,9 +24,10 @@ from rig.plan.plan import (
     refuse_fast_ramps,
     refuse_unseen,
 )
+from rig.plan.sample_age import SampleAge
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
-from rig.protocol.check import ForceTooDeepError, NoPredictionError, Walk
+from rig.protocol.check import ForceTooDeepError, NoPredictionError, ScriptState
 from rig.records import Pace, PlannedIndentation, Prediction, PredictionBand, PressId, Target
 from rig.units import GWT_N
 from sim.errors import ForceOutOfReachError
@@ -34,7 +35,7 @@ from sim.identification.uncertainty_bands import band
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 from tests.rig.identify.finger_file import identified_file
-from tests.rig.script_walk import StandIn, ready
+from tests.rig.script_state import StandIn, ready
 
 K_GWT = 10.0
 PACE = Pace(1.0, 0.05, 2, 1.0)
@@ -322,8 +323,8 @@ def test_a_press_that_rises_past_the_trip_while_a_sample_ages_is_refused(ramp: b
 
 
 def test_a_planned_script_leaves_its_presses_touches_mounts_and_speeds() -> None:
-    walk, plan = Walk(Config(), StandIn()), Plan()
-    rig = Rig(ProtocolParameters(), walk, Planner(walk, plan))
+    state, plan = ScriptState(Config(), StandIn()), Plan()
+    rig = Rig(ProtocolParameters(), state, Planner(state, plan))
     ready(rig, 0.5)
     rig.indent(doi_mm=0.5, speed_mm_s=0.25)
     rig.indent(doi_mm=0.4)

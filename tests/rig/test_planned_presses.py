@@ -9,7 +9,7 @@ import pytest
 from rig.engine import EngineError, verbs
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import (
     Checkpoint,
     ExpectedPresses,
@@ -33,7 +33,7 @@ from rig.records import (
 from rig.session.execute import Live, execute
 from tests.error_codes import shows
 from tests.rig.plain_bench import PlainBench
-from tests.rig.script_walk import StandIn, Walked, ready, walked
+from tests.rig.script_state import StandIn, Walked, ready, walked
 from tests.stub_bench import raising
 
 Make = Callable[..., Any]
@@ -101,10 +101,10 @@ def test_the_model_is_asked_for_a_press_at_its_pace(verb: str) -> None:
 DEEP_MM = -0.9
 
 
-def _live(bench: Any, finger: StandIn) -> tuple[Rig, Live, Walk]:
-    walk = Walk(bench.settings, finger)
-    live = Live(bench.engine, walk)
-    return Rig(ProtocolParameters(), walk, live), live, walk
+def _live(bench: Any, finger: StandIn) -> tuple[Rig, Live, ScriptState]:
+    state = ScriptState(bench.settings, finger)
+    live = Live(bench.engine, state)
+    return Rig(ProtocolParameters(), state, live), live, state
 
 
 def test_every_verb_is_carried_out(spring: Make) -> None:
@@ -162,13 +162,13 @@ def test_a_press_is_limited_over_the_area_that_the_model_expects(spring: Make) -
 def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -> None:
     """The move that is owed may be a later one, to another place."""
     bench = spring()
-    rig, live, walk = _live(bench, StandIn())
+    rig, live, state = _live(bench, StandIn())
     ready(rig, 0.5)
-    owed = Spot("bar", -0.5, 0.0, (PressId(3, "precondition"),))
+    owed = PressPlace("bar", -0.5, 0.0, (PressId(3, "precondition"),))
     live.handle(Precondition(presses=1, doi_mm=0.2, hold_s=0.1), owed)
     assert [(e["index"], e["x_mm"]) for e in bench.of("precondition_hold_end")] == [(3, -0.5)]
-    walk.x_mm = 0.5
-    owed = Spot("bar", 1.0, 0.0, (PressId(1, "reference"),))
+    state.x_mm = 0.5
+    owed = PressPlace("bar", 1.0, 0.0, (PressId(1, "reference"),))
     live.handle(Reference(x_mm=1.0, doi_mm=0.2, increments=1, hold_s=0.1), owed)
     assert [(e["index"], e["x_mm"]) for e in bench.of("reference_hold_end")] == [(1, 1.0)]
     assert [e["index"] for e in bench.of("reference")] == [1]
@@ -203,8 +203,8 @@ def test_a_step_that_an_interrupt_ends_stops_the_stage_first(monkeypatch: pytest
 
 def test_after_a_failure_that_a_script_swallowed_only_words_are_written() -> None:
     bench = PlainBench(lambda bench: 0.0, {})
-    live = Live(bench.engine, Walk(bench.settings, StandIn()))
-    at = Spot("bar", 0.0, 0.0, ())
+    live = Live(bench.engine, ScriptState(bench.settings, StandIn()))
+    at = PressPlace("bar", 0.0, 0.0, ())
     bench.engine.problem = EngineError("it failed")
     live.handle(Note(text="a"), at)
     live.handle(Checkpoint(name="b"), at)

@@ -218,7 +218,7 @@ def test_what_is_counted_has_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch
 
 # --- what is known of it ---
 
-BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5}
+BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5, "increments": 1}
 
 
 @pytest.mark.parametrize(("pace", "left_s"), [(1.0, 300.0), (0.5, 150.0), (None, 3.0)])
@@ -252,6 +252,7 @@ def test_a_terminal_has_a_bar_with_both_times_and_an_alarm_has_its_line(
     with progress(2, left, as_json=True) as watch:
         watch("home", {})
         watch("indentation_start", BEGUN)
+        watch("hold_end", {"index": 0, "hold": BEGUN["increments"]})
         watch("indentation_end", {"index": 0})
         watch("alarm", {"reason": "the zero\nhas drifted"})
     drawn = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue())

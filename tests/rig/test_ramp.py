@@ -16,10 +16,10 @@ from rig.devices.base import StageError
 from rig.devices.registry import StageKind
 from rig.engine import LimitError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.bench import Pause
-from rig.engine.corridor import PRINTED_MM
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
 from rig.engine.limits import RAMP_MARGIN, UNREAD_S, RampBound, Stopping
+from rig.engine.motion import PRINTED_MM
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan

@@ -96,7 +96,7 @@ def test_a_port_that_is_gone_names_the_way_to_resume(program: Program, stopped: 
     provenance = json.loads((stopped / "provenance.json").read_text(encoding="utf-8"))
     (stopped / "provenance.json").write_text(json.dumps({**provenance, "virtual": False}), encoding="utf-8")
     (stopped / "SHA256SUMS").unlink()
-    read_run(stopped).folder.write_checksums()
+    read_run(stopped).folder.write_checksums(new=True)
     ended = program("resume", stopped, "--yes", "--json")
     assert ended.json["code"] == "no_port", ended.err
     assert "--config=TOML --yes" in ended.json["error_text"]

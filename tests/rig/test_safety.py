@@ -8,9 +8,9 @@ import pytest
 
 from rig.clock import WallClock
 from rig.engine import EngineError, Target, TripError, indent
-from rig.engine.bench import Heartbeat, monitored
+from rig.engine.bench import monitored
 from rig.engine.engine import State
-from rig.engine.limits import Stopping
+from rig.engine.limits import Heartbeat, Stopping
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock

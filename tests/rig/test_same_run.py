@@ -1,6 +1,7 @@
 """A resumed run is the same run: what the script asks for now is compared with what the journal has."""
 
 import json
+import os
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -272,6 +273,7 @@ def test_a_run_of_0_2_is_compared_in_what_its_journal_has(
 BEFORE = """\
 import os
 import random
+import numpy as np
 
 RNG = random.Random(7)
 
@@ -285,27 +287,41 @@ def run(rig):
 UNSEEDED = {
     "an unseeded shuffle": "places = [i / 10 for i in range(-2, 4)]; random.shuffle(places)",
     "a loop over a set": 'places = [len(s) / 20 for s in {"a" * n for n in range(1, 9)}]',
+    "numpy's generator": "places = (np.random.rand(3) / 10).tolist()",
     "the process": "places = [os.getpid() % 1000 / 1e4]",
     "a count of its passes, where no other script counts": (
         "os.passes = getattr(os, 'passes', 0) + 1; places = [os.passes / 10]"
     ),
+    "a seeded generator of an installed module": "places = [installed_lab.RNG.uniform(-0.4, 0.4)]",
 }
 SEEDED = {
     "a seeded shuffle": "places = [-0.4, 0.0, 0.4]; random.Random(7).shuffle(places)",
     "a seeded generator at its top": "places = [RNG.uniform(-0.4, 0.4)]",
     "an answer": "places = [0.1 + 1e-3 * rig.indent(doi_mm=0.2, hold_s=0.1).holds[-1].force_gwt]",
 }
+KEPT = ("a count of its passes, where no other script counts", "a seeded generator of an installed module")
+"""Those that differ only in what outlasts a pass."""
 LOOP = "\n    for x in places:\n        rig.move_to(x_mm=x); rig.indent(doi_mm=0.2, hold_s=0.1)\n"
 
 
 @pytest.mark.parametrize("what", [*UNSEEDED, *SEEDED])
-def test_check_warns_of_a_script_that_does_not_repeat_itself(program: Program, tmp_path: Path, what: str) -> None:
-    path = tmp_path / "script.py"
-    path.write_text(f"{BEFORE}    {(UNSEEDED | SEEDED)[what]}{LOOP}", encoding="utf-8")
+def test_check_warns_of_a_script_that_does_not_repeat_itself(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """And says what to do: to seed and sort, or to keep nothing from one pass to the next."""
+    path, elsewhere = tmp_path / "script.py", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "installed_lab.py").write_text("import random\nRNG = random.Random(7)\n", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(elsewhere), *filter(None, [os.environ.get("PYTHONPATH")])]))
+    monkeypatch.syspath_prepend(elsewhere)
+    top = "import installed_lab\n" * ("installed" in what)
+    path.write_text(f"{top}{BEFORE}    {(UNSEEDED | SEEDED)[what]}{LOOP}", encoding="utf-8")
     ended = program("check", path, "--json")
     assert ended.code == 0, ended.err
     assert ended.json["repeats"] is (what in SEEDED)
     assert ("does not repeat itself" in ended.err) is (what in UNSEEDED)
+    assert ("beside the script keeps" in ended.err) is (what in KEPT)
+    assert ("sort what is a set" in ended.err) is (what in UNSEEDED and what not in KEPT)
 
 
 def test_an_unseeded_run_that_was_killed_never_mixes_conditions(program: Program, tmp_path: Path) -> None:
@@ -376,17 +392,26 @@ def test_a_run_makes_the_presses_that_were_planned(program: Program, tmp_path: P
     assert (run.missing, run.complete) == (0, True)
 
 
-def test_what_a_script_draws_without_a_seed_is_the_same_in_every_pass(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "draw",
+    [
+        "random.random()",
+        "np.random.random()",
+        "(np.random.random(), np.random.set_bit_generator(np.random.PCG64()))[0]",
+    ],
+)
+def test_what_a_script_draws_without_a_seed_is_the_same_in_every_pass(tmp_path: Path, draw: str) -> None:
     """So that the run makes the presses of its plan; another process draws others, and cannot resume it."""
     path = tmp_path / "mine.py"
     path.write_text(
         "import random\n"
+        "import numpy as np\n"
         "from rig.protocol import Field, ProtocolParameters\n"
         "ORDER = random.sample(range(100), 5)\n"
         "class Parameters(ProtocolParameters):\n"
         "    at_mm: float = Field(default_factory=random.random)\n"
         "def run(rig):\n"
-        "    return [*ORDER, rig, random.random()]\n",
+        f"    return [*ORDER, rig, {draw}]\n",
         encoding="utf-8",
     )
     script = load_script(str(path))

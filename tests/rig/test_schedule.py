@@ -24,7 +24,7 @@ from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
-from tests.rig.script_walk import walked
+from tests.rig.script_state import walked
 
 NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
 """A short way from the switches."""
@@ -94,7 +94,7 @@ def _marked_steps(schedule: Schedule[Any]) -> list[tuple[Step[Any, Any], dict[st
             rig.note("ended")
 
     found = walked(script)
-    return [(step, dict(spot.marks)) for step, spot in zip(found.steps, found.spots, strict=True)][2:]
+    return [(step, dict(place.marks)) for step, place in zip(found.steps, found.places, strict=True)][2:]
 
 
 def test_rests_lie_between_items_and_between_blocks() -> None:

@@ -8,7 +8,7 @@ from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.records import PressId
 from tests.error_codes import has_code
-from tests.rig.script_walk import Walked, ready, refused, walked
+from tests.rig.script_state import Walked, ready, refused, walked
 
 Script = Callable[[Rig], object]
 
@@ -39,7 +39,7 @@ def _from_ready(script: Script, parameters: ProtocolParameters | None = None) ->
         script(rig)
 
     found = walked(whole, parameters=parameters, stage={"kind": "zaber"})  # It has every verb.
-    for kept in (found.steps, found.spots, found.expected, found.answers):
+    for kept in (found.steps, found.places, found.expected, found.answers):
         del kept[:5]
     return found
 
@@ -66,10 +66,10 @@ def test_a_step_stands_where_the_ones_before_it_have_led() -> None:
         rig.reference(x_mm=-0.5, doi_mm=0.3)
         rig.indent(doi_mm=0.3)
 
-    spots = walked(script).spots
-    assert [(s.indentor, s.x_mm, s.along_mm) for s in spots[3:9]] == 6 * [("step", 1.0, -2.0)]
-    assert [(s.indentor, s.x_mm, s.along_mm) for s in spots[9:]] == 2 * [("step", -0.5, 0.0)]
-    assert [len(s.ids) for s in spots] == 8 * [0] + 3 * [1]
+    places = walked(script).places
+    assert [(s.indentor, s.x_mm, s.along_mm) for s in places[3:9]] == 6 * [("step", 1.0, -2.0)]
+    assert [(s.indentor, s.x_mm, s.along_mm) for s in places[9:]] == 2 * [("step", -0.5, 0.0)]
+    assert [len(s.ids) for s in places] == 8 * [0] + 3 * [1]
 
 
 def test_presses_are_numbered_among_those_of_their_purpose() -> None:
@@ -80,7 +80,7 @@ def test_presses_are_numbered_among_those_of_their_purpose() -> None:
             rig.reference(x_mm=0.0, doi_mm=0.3)
             rig.touch()
 
-    assert [s.ids for s in _from_ready(script).spots] == [
+    assert [s.ids for s in _from_ready(script).places] == [
         (PressId(0),),
         tuple(PressId(n, "precondition") for n in (0, 1, 2)),
         (PressId(0, "reference"),),
@@ -101,8 +101,8 @@ def test_a_press_carries_the_marks_of_its_schedule(verb: str) -> None:
         rig.mark({"block": 2, "condition": "wide"})
         VERBS[verb](rig)
 
-    (spot,) = _from_ready(script).spots
-    assert [press.marks for press in spot.ids] == len(spot.ids) * [{"block": 2, "condition": "wide"}]
+    (place,) = _from_ready(script).places
+    assert [press.marks for press in place.ids] == len(place.ids) * [{"block": 2, "condition": "wide"}]
 
 
 # --- what must come before ---

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from rig.engine.limits import SampleAge
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan, refuse_unseen
+from rig.plan.sample_age import SampleAge
 from rig.protocol.script import load_script
 from rig.session.rehearsal_summary import preflight
 from rig.units import GWT_N

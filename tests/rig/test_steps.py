@@ -14,7 +14,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Mount, Step
 from rig.records import Prediction
@@ -198,17 +198,17 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
     """Also with one that is left by `break`."""
     from rig.protocol import Schedule
 
-    seen: list[tuple[Step[Any, Any], Spot]] = []
+    seen: list[tuple[Step[Any, Any], PressPlace]] = []
 
     class Noting:
-        def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
-            seen.append((step, spot))
+        def handle(self, step: Step[Any, Any], place: PressPlace) -> Any:
+            seen.append((step, place))
 
     class Anything:
         def refuse_shape(self, indentor: str) -> None:
             """Every name will do."""
 
-    rig = Rig(None, Walk(CONFIG, Anything()), Noting())  # type: ignore[arg-type]
+    rig = Rig(None, ScriptState(CONFIG, Anything()), Noting())  # type: ignore[arg-type]
     rig.home()
     for block in Schedule(("a", ("b", 2)), repeats=2).on(rig):
         for _ in block:
@@ -220,6 +220,6 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
         rig.mount("four")
         break
     rig.mount("five")
-    marks = [tuple(spot.marks.values()) for step, spot in seen if isinstance(step, Mount)]
+    marks = [tuple(place.marks.values()) for step, place in seen if isinstance(step, Mount)]
     assert marks[:4] == [(1, 1, "a"), (1, 1, "('b', 2)"), (1, 2, "a"), (1, 2, "('b', 2)")]
     assert marks[4:] == [(1,), (1, 1, "a"), (1,), ()]

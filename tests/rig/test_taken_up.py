@@ -15,7 +15,7 @@ from rig.data.events import STREAMS
 from rig.data.journal import Journal
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.protocol.check import Spot
+from rig.protocol.check import PressPlace
 from rig.protocol.handlers import ResumeHandler
 from rig.protocol.script import load_script
 from rig.protocol.steps import (
@@ -25,9 +25,9 @@ from rig.protocol.steps import (
     Mount,
     MoveTo,
     Note,
-    Owed,
     Precondition,
     Rest,
+    ResumeRule,
     Retract,
     Step,
     Touch,
@@ -75,17 +75,17 @@ class Again:
     def __post_init__(self) -> None:
         self._taken_up = ResumeHandler(self.told, self, 1.0)
 
-    def handle(self, step: Step[Any, Any], spot: Spot) -> str:
+    def handle(self, step: Step[Any, Any], place: PressPlace) -> str:
         self.done.append(step)
         return "done now"
 
     def give(self, *steps: Step[Any, Any]) -> None:
         for step in steps:
-            self._taken_up.handle(step, Spot("bar", 0.0, 0.0, ()))
+            self._taken_up.handle(step, PressPlace("bar", 0.0, 0.0, ()))
 
     def press(self, step: Step[Any, Any], index: int) -> Any:
         purpose: Any = "find" if isinstance(step, Touch) else "data"
-        return self._taken_up.handle(step, Spot("bar", 0.0, 0.0, (PressId(index, purpose),)))
+        return self._taken_up.handle(step, PressPlace("bar", 0.0, 0.0, (PressId(index, purpose),)))
 
 
 INDENT = Indent(doi_mm=0.2, increments=2)
@@ -156,7 +156,7 @@ def test_a_verb_that_keeps_no_answers_is_done_again() -> None:
         """Answers, and leaves nothing in the journal."""
 
         verb: ClassVar[str] = "ask"
-        owed: ClassVar[Owed] = Owed.ANSWER
+        on_resume: ClassVar[ResumeRule] = ResumeRule.ANSWER
         answers = Step.answers
 
     assert Again(Told((0,))).press(Ask(), 0) == "done now"

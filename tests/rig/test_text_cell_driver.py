@@ -100,6 +100,23 @@ _BARE = ("quintal ", "Force quintals ", "load: slug ", "kip, ", "kip;", "kip | "
         ("{skip}{value} g", "W \u2212 12.5 g", SIGN),
         ("{skip}{value} g", "minus 12.5 g", SIGN),
         ("{value}{skip}", "12.5 - g", SIGN),  # a trailing sign
+        *(
+            (line, sent, SIGN)
+            for line in ("{skip} {value} g", "{skip}{value} g", "{skip}{value}{skip}", "{value} g", "ST,GS,{value} g")
+            for sent in (
+                "-  29.182 g",
+                "ST,GS,-  29.182 g",
+                "-\t29.182 g",
+                "+-  29.182 g",
+            )  # of scales with a sign column
+        ),
+        *(("{skip}{value} g", f"{sign}29.182 g", SIGN) for sign in ("-N  ", "-kg ", "N- ", "NET- ", "-: ", "-| ")),
+        *(("{skip}{value} g", f"{sign}29.182 g", SIGN) for sign in ("-_ ", "-. ", "-,", "[-] ", "neg ", "S,-G,")),
+        ("{skip}N {value} g", "-N 29.182 g", SIGN),
+        ("{skip}_{value} g", "-_29.182 g", SIGN),
+        ("{value} {skip}", "29.182 -g", SIGN),
+        ("{value}{skip}", "29.182 g -", SIGN),
+        ("{skip}{value} g", "S -> N 12.5 g", 12.5),
         ("{skip}{value} g", "W -12.5 g", -12.5),
         ("{skip}{value} g", "W - -12.5 g", -12.5),
         ("{skip}{value} g", "W -> 12.5 g", 12.5),
@@ -174,6 +191,10 @@ def test_no_line_takes_long(line: str, piece: str) -> None:
         ({"line": "{value}\n"}, "force.text_cell.line", "bad_line_format"),
         ({"line": "-{value} g"}, "force.text_cell.line", "sign_beside_value"),
         ({"line": "W - {value} g"}, "force.text_cell.line", "sign_beside_value"),
+        ({"line": "-N {value} g"}, "force.text_cell.line", "sign_beside_value"),
+        ({"line": "{value} -g"}, "force.text_cell.line", "sign_beside_value"),
+        ({"line": "-{skip}{value} g"}, "force.text_cell.line", "sign_beside_value"),
+        ({"line": "{skip} - {value} g"}, "force.text_cell.line", "sign_beside_value"),
         ({"line": "{value}.{skip}"}, "force.text_cell.line", "part_of_number"),  # 12 for 12.5
         ({"line": "0.{value}"}, "force.text_cell.line", "part_of_number"),
         ({"line": "{value} N"}, "force.text_cell.unit", "unit_beside_line"),  # 102 times too small once
@@ -263,6 +284,24 @@ def test_a_board_that_resets_during_a_press_is_an_error() -> None:
     board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), (0.2, b"HX711 demo\r\n"))
     assert board.gwt() == 10.0
     with raises(ForceError, "garbled", port="wire", line="HX711 demo"):
+        board.driver.read()
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\x03", b""], ids=repr)
+@pytest.mark.parametrize("poll", ["", "r"], ids=["unasked", "polled"])
+def test_a_board_without_line_ends_is_told_from_a_dead_cable(end: bytes, poll: str) -> None:
+    """When it is connected, and later; what arrives is shown. A line that was cut off before is no sign of life."""
+    line = b"\x02  1.25 g" + end
+    streams = [(0.1 * n, line) for n in range(1, 60)]
+    board = Polled(line) if poll else Board(*streams)
+    with raises(ForceTimeout, "no_line_end", port="wire", end="end of line", shown=repr(line)[2:-1]):
+        board.driver.connect()
+    with raises(ForceTimeout, "no_line_end", port="wire"):
+        board.driver.read()
+    board.coming = []
+    if poll:
+        board.reply = b""  # type: ignore[attr-defined]
+    with raises(ForceTimeout, "no_reply", port="wire"):
         board.driver.read()
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.engine.limits import fit_contact
+from rig.engine.contact_fit import fit_contact
 
 THRESHOLD_GWT = 0.05
 STEP_MM = 0.01

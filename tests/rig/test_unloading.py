@@ -12,7 +12,7 @@ from rig.engine.bench import Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
-from rig.engine.jog import UP
+from rig.engine.motion import UP
 from rig.engine.steps import Steps
 from rig.units import GWT_N
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench

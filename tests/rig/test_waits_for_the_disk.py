@@ -40,11 +40,11 @@ def test_each_step_of_a_run_is_on_the_disk_when_the_next_begins_and_of_a_rehears
     begun: list[tuple[int, int | None]] = []
     handle = Live.handle
 
-    def sizes(live: Live, step: Any, spot: Any) -> Any:
+    def sizes(live: Live, step: Any, place: Any) -> Any:
         (folder,) = (tmp_path / "runs").iterdir()
         journal = (folder / "events.jsonl").stat()
         begun.append((journal.st_size, synced.get(journal.st_ino)))
-        return handle(live, step, spot)
+        return handle(live, step, place)
 
     monkeypatch.setattr(Live, "handle", sizes)
     monkeypatch.setattr(sessions, "open_bench", open_bench)

@@ -176,7 +176,7 @@ def test_an_error_in_the_program_ends_the_motion(
         return ForceReading(0.0, True, 0.0)
 
     def ramp(engine: Engine) -> None:
-        engine.go_to_height(1.9, 0.1, ramp=lambda reading: None)
+        engine.go_to_height(1.9, 0.1, on_reading=lambda reading: None)
 
     monkeypatch.setattr(engine.sensing, "read_in_motion", broken)
     with pytest.raises(ZeroDivisionError):

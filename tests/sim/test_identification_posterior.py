@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tests.made_up_fingers as made_up_fingers
-from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
+from sim.identification.next_press import PressAt, PressSelector, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
 from sim.identification.predicted_forces import MeasuredPress, RampAndHold, nominal_trajectory
 from sim.identification.prior import KINDS, Kind
@@ -89,7 +89,7 @@ def test_more_presses_leave_less() -> None:
 # --- which press comes next ---
 
 
-CHOOSER = Chooser(FORESEEN, (GOAL,), PACE)
+CHOOSER = PressSelector(FORESEEN, (GOAL,), PACE)
 
 
 def test_no_press_is_chosen_that_may_be_too_hard() -> None:
@@ -106,12 +106,12 @@ def test_no_press_is_chosen_where_the_skin_may_not_be_found() -> None:
     """Beside the middle the skin falls away: a finger that lies lower and farther aside is out of reach there."""
     known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
     menu = [PressAt("cylinder:9", x, 0.67) for x in (-1.2, 0.0, 1.2)]
-    chosen = Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE, SkinSearch(0.4, 0.1)).choose(
+    chosen = PressSelector(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE, SkinSearch(0.4, 0.1)).choose(
         known, 1e3, menu
     )
     assert chosen.x_mm == 0.0
-    assert Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE).choose(known, 1e3, menu).x_mm == 1.2
-    aside = Chooser(FORESEEN, (GOAL,), PACE, SkinSearch(0.05, 0.1)).choose(known, 1e3, menu[2:])
+    assert PressSelector(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE).choose(known, 1e3, menu).x_mm == 1.2
+    aside = PressSelector(FORESEEN, (GOAL,), PACE, SkinSearch(0.05, 0.1)).choose(known, 1e3, menu[2:])
     assert aside.x_mm == 1.2
 
 

@@ -42,6 +42,17 @@ def write(tmp_path: Path) -> Write:
     return to
 
 
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [("points", "x_mm,y_mm,z_mm"), ("sections", "z_mm,half_width_mm,height_mm,lean_mm")],
+)
+def test_a_column_that_rejects_rows_is_refused(write: Write, name: str, columns: str) -> None:
+    """The fit would count the rejected points, and move the skin by half its radius."""
+    row = ",".join("1" for _ in columns.split(","))
+    problem = complaint(**{name: write(f"{columns},exclude\n{row},1\n")})
+    assert "the column 'exclude' may say which rows do not count" in problem
+
+
 def complaint(**geometry: object) -> str:
     with pytest.raises(ValidationError) as caught:
         Geometry.model_validate(geometry)
@@ -67,6 +78,8 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
         ("#\na,b\n1,2\n1,5,2,5\n", "row_length", {"line": 4, "cells": 4, "expected": 2, "header_line": 2}),
         ("a,b\n1,2\n\nnan,2\n", "not_a_number", {"line": 4, "column": "a", "cell": "nan"}),
         ("#\na,b\n\n", "no_rows", {"line": 2}),
+        ("a,b,exclude\n1,2,0\n3,4,1\n", "extra_column", {"line": 1, "column": "exclude"}),
+        ("#\nvalid point;b;a\n1;2;0\n", "extra_column", {"line": 2, "column": "valid point"}),
     ],
 )
 def test_a_bad_table_is_refused_by_file_line_and_column(
@@ -76,6 +89,15 @@ def test_a_bad_table_is_refused_by_file_line_and_column(
     with raises(TableError, code, path=path, **fields) as caught:
         read_columns(Path(path), ("a", "b"))
     assert "\n" not in str(caught.value)
+
+
+def test_columns_that_are_not_read_are_named(write: Write, caplog: pytest.LogCaptureFixture) -> None:
+    path = write("site,a,comment,b\n1,2,x,3\n")
+    assert read_columns(Path(path), ("a", "b")) == ((2.0, 3.0),)
+    assert [record.getMessage() for record in caplog.records] == [f"{path}: columns that are not read: site, comment"]
+    caplog.clear()
+    read_columns(Path(write("a,b\n2,3\n")), ("a", "b"))
+    assert not caplog.records
 
 
 def test_no_file_no_text_a_folder(tmp_path: Path) -> None:

@@ -134,3 +134,12 @@ def test_pressures_lie_where_their_file_says_or_are_refused(
             read_pressures(tmp_path / "p.csv", spacing_mm)
     else:
         assert read_pressures(tmp_path / "p.csv", spacing_mm).tolist() == found
+
+
+@pytest.mark.parametrize("column", ["exclude", "Excluded", "valid", "bad_channel", "artifact"])
+def test_a_column_of_rows_that_do_not_count_is_refused(column: str, read: Read) -> None:
+    """It would count them; a remark is ignored."""
+    rows = [f"{x},0.76,{10 + x},{int(x == 0)}" for x in range(-2, 3)]
+    with raises(TableError, "extra_column"):
+        read(f"x_mm,depth_mm,sed,{column}", *rows)
+    assert len(read("x_mm,depth_mm,sed,remark", *rows).reading) == 5

@@ -193,14 +193,44 @@ def _row(where: str, row: Row) -> _Named:
     )
 
 
+_NO_RECORDINGS = (
+    *(".md", ".pdf", ".docx", ".html", ".json", ".toml", ".yaml", ".yml", ".py", ".ipynb", ".m"),
+    *(".png", ".svg", ".jpg", ".jpeg", ".log", ".ini", ".db"),
+)
+_ABOUT = ("readme", "notes", "license", "licence")
+
+
+def _leads_nowhere(file: Path) -> str:
+    """Return what is wrong with a link whose target is missing; "" for any other file."""
+    if not file.is_symlink() or file.exists():
+        return ""
+    return f"a link to {file.readlink()}, which is missing; put its target back, or remove the link"
+
+
+def _passed_over(file: Path) -> str:
+    """Return what is wrong with a file beside the folders of the afferents; "" if it is no recording."""
+    if file.suffix.lower() in _NO_RECORDINGS or file.stem.casefold() in _ABOUT:
+        return ""
+    return "in no folder of an afferent; put it into one, as AFFERENT/SHAPE, e.g. a1/step-1.csv, or elsewhere"
+
+
 def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:
     named, wrong, number = [], [], 0
-    for folder in sorted(one for one in path.iterdir() if one.is_dir() and not one.name.startswith(".")):
+    shown = sorted(one for one in path.iterdir() if not one.name.startswith("."))
+    wrong += [
+        (0, f"{one}: {said}")
+        for one in shown
+        if not one.is_dir() and (said := _leads_nowhere(one) or _passed_over(one))
+    ]
+    for folder in (one for one in shown if one.is_dir()):
         files = sorted(file for file in folder.iterdir() if not file.name.startswith("."))
         if not files:
             wrong.append((number, f"{folder}: has no recording; put its files back, or remove the folder"))
         for file in files:
             number += 1
+            if said := _leads_nowhere(file):
+                wrong.append((number, f"{file}: {said}"))
+                continue
             stem = file.stem if file.is_file() else file.name
             shape = stem if ":" in stem else stem.replace("-", ":", 1)
             named.append(_Named(str(file), number, same_name(folder.name), shape, str(file)))

@@ -30,6 +30,7 @@ from rig.compare.recordings.column_units import (
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
 from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, refuse_not_understood, table_lines
+from rig_shared.number_text import read_number
 
 
 class RecordingColumn(NamedTuple):
@@ -151,7 +152,7 @@ def _roles_in(text: str) -> list[str]:
 def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
     """Return the window in s if it is a number instead of a column, else None. Raises RecordingError."""
     try:
-        seconds = float(given["window"].name) * given["window"].factor
+        seconds = read_number(given["window"].name) * given["window"].factor
     except (KeyError, ValueError):
         return None
     if MOST_HOLD_S < seconds < math.inf:

@@ -23,7 +23,7 @@ from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, UnitSpikes, joined
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, UnitSpikes, extent, joined
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -138,6 +138,7 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
         end_s=ends,
         line=channel in segment.lines,
         read_as=f"Spike times read: {name}.",
+        file_s=extent(*segment.trains.values(), *segment.events.values()),
     )
 
 

@@ -8,13 +8,14 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from rig_shared.number_text import read_number
 from sim.tables import is_number
 
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?")
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}")  # −2,000 and 2.000
-_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(([.,'’ \u00a0\u202f])\d{3})(\2\d{3})+")  # 2,000,000
-_WHOLE = re.compile(r"[+-]?\d{3,}")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}", re.ASCII)  # −2,000 and 2.000
+_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(([.,'’ \u00a0\u202f])\d{3})(\2\d{3})+", re.ASCII)  # 2,000,000
+_WHOLE = re.compile(r"[+-]?\d{3,}", re.ASCII)
 
 
 class NumberFormat(NamedTuple):
@@ -31,7 +32,7 @@ class NumberFormat(NamedTuple):
             return math.nan
         if _NUMBER.fullmatch(text.replace(",", ".")) is None:
             return math.nan
-        value = float(text.replace(",", "."))
+        value = read_number(text.replace(",", "."))
         return value if is_number(value) else math.nan
 
     def could_be_thousands(self, column: str, text: str) -> bool:

@@ -5,7 +5,6 @@ unit was observed (obs_intervals), without those of the table `invalid_times`. S
 a TimeSeries called `sync_pulses`: events with timestamps, or a sampled line, whose rises count.
 """
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,10 +29,12 @@ from rig.compare.recordings.hdf5 import (
     values_of,
 )
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, joined, union, without
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, extent, joined, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
+from rig_shared.number_text import read_number
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
+from sim.tables import REJECTING
 
 NWB = ".nwb"
 
@@ -79,6 +80,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
             end_s=end_s,
             line=pulses.line,
             read_as=read_as,
+            file_s=columns["time"].factor * units.extent(),
         )
 
 
@@ -189,6 +191,12 @@ class _Units(NamedTuple):
         return _numbers(
             values_of(self.all_times, self.path, begin, end), self.path, f"unit {self.ids[row]}, column {self.column}"
         )
+
+    def extent(self) -> Array:
+        """Return the first and the last spike times of parts of the column, of all units, in the unit of the file."""
+        parts = (slice(at, at + _AT_ONCE) for at in range(0, len(self.all_times), _AT_ONCE))
+        each = (part_of(self.all_times, self.path, part).ravel() for part in parts)
+        return extent(*(some.astype(float) for some in each if some.dtype.kind in "iuf"))
 
 
 def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, units: int) -> tuple[int, int]:
@@ -367,12 +375,9 @@ def _unused(
 
 
 def _about(file: h5py.File, path: Path, one: _Candidate) -> list[str]:
-    columns = [name for name in members(file, path, one.place) if _REJECTING.search(name)]
+    columns = [name for name in members(file, path, one.place) if REJECTING.search(name)]
     tags = sorted(set(texts_in(file, path, f"{one.place}/tags") or []))
     return [*(f"column {name}" for name in columns), *tags][:_MOST_LISTED]
-
-
-_REJECTING = re.compile(r"artifact|artefact|reject|bad|exclude|invalid|noise|valid|keep|good", re.IGNORECASE)
 
 
 class _Pulses(NamedTuple):
@@ -441,7 +446,11 @@ def _edges_of_samples(file: h5py.File, path: Path, place: str) -> _Pulses:
 
 def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
     try:
-        times = np.asarray(values if values.dtype.kind in "iufSO" else [None], dtype=np.float64)
+        if values.dtype.kind in "SO":
+            each = (one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel().tolist())
+            times = np.array([read_number(one) for one in each], dtype=np.float64).reshape(values.shape)
+        else:
+            times = np.asarray(values if values.dtype.kind in "iuf" else [None], dtype=np.float64)
     except (ValueError, TypeError):
         raise RecordingError(
             f"{path}, {dataset}: the values have type {values.dtype}; they must be times as numbers", "no_numbers"

@@ -117,7 +117,10 @@ class Recording:
         repeats = tuple(rates / largest for rates in self.repeats)
         changes = (*self.changes, f"rates divided by {largest:g}")
         window_s = None if self.window_s is None else self.window_s * largest
-        return replace(self, repeats=repeats, sd=self.sd / largest, changes=changes, window_s=window_s)
+        unit = "of the largest rate"
+        return replace(
+            self, repeats=repeats, sd=self.sd / largest, changes=changes, window_s=window_s, rate_unit=unit
+        )
 
 
 def recording(name: str, rows: list[tuple[float, float, float]], window_s: float | None = None) -> Recording:
@@ -160,7 +163,7 @@ def _without_copies(found: Recording) -> Recording:
 
 _SAME = 1e-6
 _UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
-_CONDITION = re.compile(r"(\d+\.?\d*|\.\d+) ?(mm|gwt)")
+_CONDITION = re.compile(r"(\d+\.?\d*|\.\d+) ?(mm|gwt)", re.ASCII)
 
 
 class ShapeKey(NamedTuple):

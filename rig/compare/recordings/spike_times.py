@@ -45,7 +45,8 @@ class UnitSpikes:
     `observed_s` (n, 2) are the intervals in which the file says that the unit was observed, infinite where it does
     not say when they begin or end; `throughout` is whether the user states that these reach over the whole run.
     `of_run` is whether the file was exported from the run; `stated` is whether the user states that there are no
-    pulses. `notes` are sentences for the page, and `read_as` says what was read, in which unit.
+    pulses. `file_s` are times at which the file recorded anything, as the first and last spike of its other units.
+    `notes` are sentences for the page, and `read_as` says what was read, in which unit.
     """
 
     spike_s: Array
@@ -58,6 +59,7 @@ class UnitSpikes:
     end_s: Array = field(default_factory=lambda: np.empty(0))
     line: bool = False
     read_as: str = ""
+    file_s: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -93,21 +95,29 @@ class SpikeTimes:
         )
 
     @property
+    def _at_one_event(self) -> bool:
+        at_s, last_s = self.events_s
+        first, last = self.observed_s.T
+        return at_s == last_s and bool(((first <= at_s) & (at_s <= last)).any())
+
+    @property
     def span(self) -> str:
         """The intervals, as a clause."""
         known_s = both(self.observed_s, np.array([self.events_s]))
         spans = " and ".join(f"{_at(first)} to {_at(last)}" for first, last in known_s[:_MOST_SPANS].tolist())
-        spans += f" and {len(known_s) - _MOST_SPANS} more" * (len(known_s) > _MOST_SPANS)
+        spans = "from " + spans + f" and {len(known_s) - _MOST_SPANS} more" * (len(known_s) > _MOST_SPANS)
+        if not len(known_s) and self._at_one_event:
+            known_s, spans = np.array([self.events_s]), f"at {_at(self.events_s[0])}"
         if not len(known_s):
             return "the unit was never observed"
         if np.isinf(known_s).all() and len(known_s) == 1:
             return "the unit was observed throughout"
         if np.isinf(self.events_s).all():
-            return f"the unit was observed from {spans}"
+            return f"the unit was observed {spans}"
         throughout = "if throughout the run, use --columns observed=throughout"
         if np.isinf(self.observed_s).all() and len(self.observed_s) == 1:
-            return f"the file has events from {spans}, and does not state how long it recorded; {throughout}"
-        return f"the unit was observed from {spans}, as its intervals state and its events show; {throughout}"
+            return f"the file has events {spans}, and does not state how long it recorded; {throughout}"
+        return f"the unit was observed {spans}, as its intervals state and its events show; {throughout}"
 
 
 _MOST_SPANS = 4
@@ -115,6 +125,12 @@ _MOST_SPANS = 4
 
 def _at(time_s: float) -> str:
     return f"{time_s:.1f} s" if np.isfinite(time_s) else "the start" if time_s < 0 else "the end"
+
+
+def extent(*times_s: Array) -> Array:
+    """Return the first and the last of some times, none of none; times that are no numbers do not count."""
+    finite = [some[np.isfinite(some)] for some in times_s]
+    return np.array([(some.min(), some.max()) for some in finite if len(some)]).ravel()
 
 
 def union(spans: Array) -> Array:

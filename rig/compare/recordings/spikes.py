@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from rig.compare.recordings.recording import (
     shape_key,
     with_enough_positions,
 )
-from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, union
+from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, extent, joined, union
 from rig.compare.recordings.sync_pulses import (
     ALL_UNSEEN,
     NO_PULSES,
@@ -42,6 +43,7 @@ from rig.compare.recordings.sync_pulses import (
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
+from rig.data.presses import presses
 from rig.printable import either
 from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
@@ -189,7 +191,8 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     spike_s = fit.run_s(found.spike_s)
     notes = [*_outside_run(found.spike_s, spike_s, run.end_s), *_short_intervals(spike_s, run.end_s)]
     found = replace(found, notes=(*found.notes, *notes))
-    observed_s, every_s = fit.run_s(found.observed_s), np.concatenate([spike_s, fit.run_s(found.pulse_s)])
+    observed_s = fit.run_s(found.observed_s)
+    every_s = np.concatenate([spike_s, fit.run_s(found.pulse_s), fit.run_s(found.file_s)])
     is_open = [bool(some.any()) for some in (np.isneginf(observed_s), np.isposinf(observed_s))]
     beyond = [bool(_are_inside(observed_s, some).any()) and len(every_s) > 0 for some in fit.unseen_s]
     if found.throughout:
@@ -293,6 +296,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     units: dict[str | float, str] = {}
     fired: dict[str | float, str] = {}
     limited: dict[str | float, Row] = {}
+    every_s = list[float]()
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
         if said not in _KINDS:
@@ -307,15 +311,17 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         elif of_a_unit:
             limited.setdefault(label_key(name), row)
         seconds = row.number(role_name("time"))
+        every_s += [seconds] if said == "spike" else []
         if not of_a_unit:
             of_file[said].append(seconds)
         elif not unit or label_key(unit) == label_key(name):
             of_unit[said].append(seconds)
     named = [name or "(empty)" for name in fired.values()][:_MOST_LISTED]
     for key, row in limited.items():
-        if fired and key not in fired and key != label_key(unit):
+        if fired and key not in fired and label_key(unit) not in limited:  # it may be meant for the unit that is read
             expected = (
-                f"a unit with spikes ({', '.join(named)}); correct it, or, if this unit has none, delete the row"
+                f"a unit with spikes ({', '.join(named)}); correct it, or, if this unit has none, delete the row, or "
+                "state start and stop of the unit that is read, too"
             )
             raise row.wrong("unit", "unclear_name", expected)
     if (unit and label_key(unit) not in units) or (not unit and len(units) > 1):
@@ -329,7 +335,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     observed = both(*(_between(path, np.sort(one["start"]), np.sort(one["stop"])) for one in (of_file, of_unit)))
     pulses = np.array([] if stated else sorted(of_file["sync"]), dtype=float)
     spikes = np.array(of_unit["spike"], dtype=float)
-    return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows))
+    extent_s = extent(np.array(every_s))
+    return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows), file_s=extent_s)
 
 
 def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:
@@ -384,7 +391,8 @@ def rates_in_run(
             f"--field-centre-mm {centre_mm:g}: must be a number in mm, of at most {MOST_MM:g}", "no_centre"
         )
     rows, lost_mm = [], []
-    for x_mm, start_s, stop_s in _last_holds(run, shape, name):
+    holds = _last_holds(run, shape, name)
+    for _, x_mm, start_s, stop_s in holds:
         if start_s + end > stop_s + _CLOCK_TICK_S:
             raise RecordingError(
                 f"--window-s {begin:g},{end:g}: must end within each hold; the hold at x = {x_mm:g} mm lasts "
@@ -406,23 +414,73 @@ def rates_in_run(
         moved = rates_in_run(run, shape, times.shifted(shift_s), name, window_s, centre_mm)
         return with_enough_positions(Path(name), moved)
 
-    about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, times.notes, shifted)
+    notes = (*times.notes, *_differences(run, {hold.press for hold in holds}))
+    about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, notes, shifted)
     return replace(recording(name, rows, end - begin), spikes=about, read_as=times.read_as)
 
 
 _CLOCK_TICK_S = 1e-6
 
 
-def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, float]]:
-    """Return x (mm), start and end (s since the start of the run) of the last hold of each finished indentation."""
-    finished = {event["index"] for event in run.stream("indentation_end")}
+_MOTIONS = {
+    "verb": ("verb", ""),
+    "speed_mm_s": ("speed", " mm/s"),
+    "increments": ("increments", ""),
+    "asked_s": ("duration of the hold", " s"),
+    "along_mm": ("place along the finger", " mm"),
+}
+"""What a script asks of a press besides its indentor, place across the finger, and target: words and unit."""
+
+
+def _differences(run: Run, indices: set[int]) -> list[str]:
+    """Return a sentence on what the script asked differently of presses that are counted together; none for none.
+
+    Its conditions count if they differ at one position: they may be the positions.
+    """
+    rows = [row for row in presses(run) if row.complete and row.index in indices]
+    labels: dict[float, set[str]] = {}
+    for row in rows:
+        labels.setdefault(round(row.x_mm, SAME_PLACE_DECIMALS), set()).add(row.condition or "none")
+    mixed = set().union(*(some for some in labels.values() if len(some) > 1))
+    said = [f"condition ({_listed(mixed, '')})"] if mixed else []
+    for name, (words, unit) in _MOTIONS.items():
+        asked = [getattr(row, name) for row in rows]
+        values = {f"{value:g}" if isinstance(value, float) else str(value or "none") for value in asked}
+        said += [f"{words} ({_listed(values, unit)})"] if len(values) > 1 else []
+    return [f"These presses differ in {joined(said)}, but count as one condition: those at one position are repeats, "
+            "from which the noise is estimated. Compare a run of each alone."] if said else []  # fmt: skip
+
+
+def _listed(values: set[str], unit: str) -> str:
+    named = sorted(values, key=natural_order)
+    more = [f"{len(named) - _FEW_LISTED} more"] if len(named) > _FEW_LISTED else []
+    return joined([*named[:_FEW_LISTED], *more]) + unit
+
+
+_FEW_LISTED = 4
+
+
+class _LastHold(NamedTuple):
+    """Last hold of a finished press: its index, x (mm), start and end (s since the start of the run)."""
+
+    press: int
+    x_mm: float
+    start_s: float
+    stop_s: float
+
+
+def _last_holds(run: Run, shape: str, name: str) -> list[_LastHold]:
+    """Return the last hold of each finished press by a shape, to the condition that it may name."""
     asked = {event["index"]: event for event in run.stream("indentation_start")}
     began = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}
     meant = shape_key(shape)
     found = [
-        (condition_of(asked[hold["index"]]), hold["x_mm"], began[hold["index"], hold["hold"]], hold["t_s"])
+        (
+            condition_of(asked[hold["index"]]),
+            _LastHold(hold["index"], hold["x_mm"], began[hold["index"], hold["hold"]], hold["t_s"]),
+        )
         for hold in run.stream("hold_end")
-        if hold["index"] in finished
+        if hold["index"] in run.done
         and hold["hold"] == asked[hold["index"]]["increments"]
         and shape_name(asked[hold["index"]]["indentor"]) == meant.shape
     ]
@@ -438,7 +496,7 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
         raise RecordingError(
             f"{name}: run {run.folder.path.name} contains {held}, and no {shape}; name one of these", "never_pressed"
         )
-    return [(x, start, stop) for condition, x, start, stop in found if meant.condition in ("", condition)]
+    return [hold for condition, hold in found if meant.condition in ("", condition)]
 
 
 # Synthetic recordings, for demonstrations and for testing the statistics. They are not data.

@@ -19,7 +19,7 @@ class GrowingFile:
         """Raise CountError if the file could never be read."""
         self._path, self._at, self._line, self._rest = path.absolute(), 0, 0, b""
         if path.is_dir() or not self._path.parent.is_dir():
-            raise CountError(f"--choose {path}: must be a file in an existing folder", "no_file")
+            raise CountError(f"counts={path}: must be a file in an existing folder", "no_file")
 
     def made(self, press: MadePress) -> None:
         """Do nothing, because the file grows by itself."""

@@ -49,15 +49,15 @@ def opened(name: str) -> LslCounts:
         import pylsl
     except (ImportError, RuntimeError, OSError):  # without liblsl, or for another version of the system
         raise LslMissingError(
-            "--choose lsl: the Lab Streaming Layer requires pylsl; install it with pip install 'indentation-rig[lsl]'"
+            "counts=lsl: the Lab Streaming Layer requires pylsl; install it with pip install 'indentation-rig[lsl]'"
         ) from None
     found = pylsl.resolve_byprop("name", name, timeout=FIND_S)
     if not found:
-        raise CountError(f"--choose lsl:{name}: no such stream within {FIND_S:g} s; start it first", "no_stream")
+        raise CountError(f"counts=lsl:{name}: no such stream within {FIND_S:g} s; start it first", "no_stream")
     channels = found[0].channel_count()
     if channels != _CHANNELS:
         raise CountError(
-            f"--choose lsl:{name}: the stream has {channels} channels; it must have two, index and count",
+            f"counts=lsl:{name}: the stream has {channels} channels; it must have two, index and count",
             "wrong_channels",
         )
     inlet = pylsl.StreamInlet(found[0], recover=True)

@@ -1,4 +1,4 @@
-"""Open a source of counts from the value of `--choose`."""
+"""Open a source of counts from the text that names it."""
 
 import importlib
 import sys
@@ -34,9 +34,9 @@ def virtual_name(text: str) -> VirtualName | None:
     name, _, seed = text.removeprefix(VIRTUAL).partition("@")
     if name not in (AFFERENT, *CANDIDATES):
         known = ", ".join((AFFERENT, *CANDIDATES))
-        raise DesignError(f"--choose {text}: there is no virtual nerve {name}; use one of {known}", "unknown_nerve")
+        raise DesignError(f"counts={text}: there is no virtual nerve {name}; use one of {known}", "unknown_nerve")
     if seed and not (seed.isascii() and seed.isdigit() and int(seed) < _MOST_SEED):
-        raise DesignError(f"--choose {text}: the seed must be 0 to {_MOST_SEED - 1}", "bad_seed")
+        raise DesignError(f"counts={text}: the seed must be 0 to {_MOST_SEED - 1}", "bad_seed")
     return VirtualName(name, int(seed or 0))
 
 
@@ -46,7 +46,7 @@ def refuse_source(text: str) -> None:
     if virtual_name(text) is not None or text.endswith(FILE) or (text.startswith(LSL) and function):
         return
     if not (own and function and all(part.isidentifier() for part in [*own.split("."), function])):
-        raise DesignError(f"--choose {text}: must be {_KINDS}", "no_source")
+        raise DesignError(f"counts={text}: must be {_KINDS}", "no_source")
 
 
 def opened(text: str, config: Config, table: ResponseTable, model: CountModel) -> CountSource:
@@ -72,5 +72,5 @@ def opened(text: str, config: Config, table: ResponseTable, model: CountModel) -
     except CountError:
         raise
     except Exception as error:
-        raise CountError(f"--choose {text}: {type(error).__name__}: {error}", "source_failed") from None
+        raise CountError(f"counts={text}: {type(error).__name__}: {error}", "source_failed") from None
     return source

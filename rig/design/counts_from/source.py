@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from rig.design.presses import PossiblePress
 from rig.errors import CountError
+from rig_shared.number_text import read_number
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class CountSource(Protocol):
     """Source of the spikes counted in the holds of a run.
 
     A real run asks it in a process of its own, so that a source which blocks or crashes delays no stop. A source of
-    your own is a class with these methods, and a function that opens it: `--choose my_module:my_function`.
+    your own is a class with these methods, and a function that opens it: `counts=my_module:my_function`.
     """
 
     def made(self, press: MadePress) -> None:
@@ -97,7 +98,7 @@ def _short(value: Any) -> str:
 def _whole(value: Any) -> int | None:
     """Return a whole number from 0, or None for any other value."""
     try:
-        number = float(value)
+        number = read_number(value) if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if isinstance(value, bool) or not (0 <= number <= _MOST and number == math.floor(number)):

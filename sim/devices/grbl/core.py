@@ -153,9 +153,9 @@ def coordinates(mm: Vec, inches: bool = False) -> str:
     return f"{x:.3f},{y:.3f},{z:.3f}"
 
 
-def build(info: str) -> list[str]:
+def build(info: str, options: str) -> list[str]:
     """Return the answer to `$I`."""
-    return [f"[VER:1.1h.20190830:{info}]", "[OPT:V,15,128]"]
+    return [f"[VER:1.1h.20190830:{info}]", f"[OPT:{options},15,128]"]
 
 
 def rate(mm_min: float, inches: bool) -> str:
@@ -232,6 +232,7 @@ class GrblCore:
         self._alarm_clock: Handle | None = None
         self._lines = LineAssembler()
         self._modal, self._overrides = Modal(), Overrides()
+        self.homes_to_origin = False  # built with HOMING_FORCE_SET_ORIGIN, the option Z
         self._pressed: set[str] = set()  # letters of the stop inputs
         self._realtime: dict[int, Callable[[float], None]] = {}
         self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # all switching events: s, M word

@@ -48,7 +48,7 @@ class GrblSystem(GrblRealtime):
         if kind == "H":
             return self._home(now_s, rest)
         if kind == "I" and not rest:
-            return self._print(*core.build(self._build_info))
+            return self._print(*core.build(self._build_info, "VZ" if self.homes_to_origin else "V"))
         if kind == "I" and rest.startswith("="):
             self._build_info = rest[1:]
             return 0
@@ -135,8 +135,8 @@ class GrblSystem(GrblRealtime):
         return None
 
     def _homed(self, now_s: float) -> None:
-        pull_off = -self._settings[27]
-        believed = self._to_steps((pull_off, pull_off, pull_off))
+        home_mm = 0.0 if self.homes_to_origin else -self._settings[27]
+        believed = self._to_steps((home_mm, home_mm, home_mm))
         x, y, z = (b - c for b, c in zip(believed, self.carriage_steps_at(now_s), strict=True))
         self._zero = (x, y, z)
         self._sync(now_s)

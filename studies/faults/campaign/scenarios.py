@@ -16,12 +16,12 @@ import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
 from rig.devices.base import StageError
 from rig.engine import Engine, Journal, Target
-from rig.engine.jog import Direction, slices
+from rig.engine.motion import Direction, slices
 from rig.engine.steps import MOST_MM
 from rig.manual.session import ManualSession
 from rig.plan.plan import Plan
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.script import Script
 from rig.protocol.steps import Step
 from rig.records import Pace, PlannedIndentation, Prediction
@@ -71,19 +71,19 @@ class SpringModel:
 class Phased:
     """Carries steps out, and says what the rig is doing."""
 
-    def __init__(self, world: VirtualWorld, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
+    def __init__(self, world: VirtualWorld, phases: Mapping[str, str], engine: Engine, state: ScriptState) -> None:
         self._world, self._phases, self._count = world, phases, dict[str, int]()
-        walk.model = SpringModel()
+        state.model = SpringModel()
         assert isinstance(engine._journal, Journal)
         world.journal = engine._journal
-        self._live = Live(engine, walk)
+        self._live = Live(engine, state)
 
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
+    def handle(self, step: Step[E, A], place: PressPlace) -> A:
         """What the engine found."""
         number = self._count[step.verb] = self._count.get(step.verb, 0) + 1
         self._world.verb = f"{step.verb} {number}"
         self._world.phase = self._phases.get(self._world.verb, "")
-        return self._live.handle(step, spot)
+        return self._live.handle(step, place)
 
 
 class PhasedByEvents(NoAttendant):

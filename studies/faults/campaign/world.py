@@ -18,8 +18,9 @@ from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import BUILT_IN, kind_of
 from rig.engine import Journal
-from rig.engine.bench import NO_PAUSE, Heartbeat, Meanwhile, Pause
+from rig.engine.bench import NO_PAUSE, Meanwhile, Pause
 from rig.engine.bench_memory import BenchMemory, LastKnown
+from rig.engine.limits import Heartbeat
 from rig.engine.sensing import ForceZero
 from rig.plan.config import Config
 from rig.transport import TransportError

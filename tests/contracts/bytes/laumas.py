@@ -14,6 +14,7 @@ WHO = bytes.fromhex("01 03 00 00 00 04")
 ASK = bytes.fromhex("01 03 00 06 00 08")
 ZERO = bytes.fromhex("01 10 00 05 00 01 02 00 08")
 OBEYED = bytes.fromhex("01 10 00 05 00 01")
+BUSY = bytes.fromhex("01 83 06")
 
 
 def shown(status: str, gross: str, units: str = "01 0C") -> bytes:
@@ -42,8 +43,14 @@ REFUSALS = {
     "cell error, stable": NoWeight(shown("08 01", "00 00 00 E9"), ForceBroken, "cell_error"),
     "converter error": NoWeight(shown("00 02", "00 00 00 E9"), ForceBroken, "converter_error"),
     "kilograms": NoWeight(shown("08 00", "00 00 00 E9", units="00 0C"), ForceError, "wrong_unit"),
-    "no such register": NoWeight(bytes.fromhex("01 83 02"), ForceError, "refused"),
-    "busy": NoWeight(bytes.fromhex("01 83 06"), ForceError, "refused"),
+    **{
+        f"exception {number}": NoWeight(bytes([1, 0x83, number]), ForceError, "refused")
+        for number in (1, 2, 3, 4, 7, 8)
+    },
+}
+NOT_NOW = {
+    name: NoWeight(bytes([1, 0x83, number]), ForceError, "busy")
+    for name, number in {"acknowledged": 5, "busy": 6, "gateway busy": 10, "silence behind a gateway": 11}.items()
 }
 GARBLED = {
     "of another device": NoWeight(b"\x02" + GOOD[1:]),
@@ -61,6 +68,11 @@ ZEROING = {
     "two counts are left": Zeroing({ASK: [GOOD, shown("08 00", "00 00 00 02")]}, ForceBusy, "not_zeroed"),
     "two counts of pull are left": Zeroing({ASK: [GOOD, shown("08 80", "00 00 00 02")]}, ForceBusy, "not_zeroed"),
     "refused": Zeroing({ZERO: [bytes.fromhex("01 90 03")]}, ForceError, "refused"),
+    "busy": Zeroing(
+        {ZERO: [bytes.fromhex("01 90 06"), OBEYED], ASK: [bytes.fromhex("01 83 06"), GOOD, ZEROED]}, told=2
+    ),
+    "acknowledged": Zeroing({ZERO: [bytes.fromhex("01 90 05")]}, ForceError, "busy"),
+    "silence behind a gateway": Zeroing({ZERO: [bytes.fromhex("01 90 0B")]}, ForceError, "busy"),
     "silent": Zeroing({ZERO: [SILENCE]}, ForceTimeout, "no_reply"),
     "not confirmed": Zeroing({ZERO: [bytes.fromhex("01 10 00 06 00 01")]}, ForceError, "garbled"),
 }
@@ -106,6 +118,7 @@ def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight]
         refusals=REFUSALS,
         garbled={**GARBLED, **garbled},
         zeroing=ZEROING,
+        not_now=NOT_NOW,
         lacks={"nan": "a weight is a whole number of counts"},
         **way,
     )

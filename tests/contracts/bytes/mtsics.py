@@ -1,7 +1,7 @@
 """A balance that speaks MT-SICS level 0 and 1."""
 
 from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
-from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing
+from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing, without_line_end
 
 ASK, ZERO = b"SI\r\n", b"Z\r\n"
 SERIAL = b'I4 A "0123456789"\r\n'
@@ -25,7 +25,6 @@ DEVICE = ForceBytes(
     refusals={
         "overload": NoWeight(b"S +\r\n", ForceOverload, "overload"),
         "underload": NoWeight(b"S -\r\n", ForceUnderload, "underload"),
-        "busy": NoWeight(b"S I\r\n", ForceBusy, "busy"),
         "unknown command": NoWeight(b"ES\r\n", ForceError, "unknown_command"),
         "garbled command": NoWeight(b"ET\r\n", ForceError, "garbled_command"),
         "not possible": NoWeight(b"EL\r\n", ForceError, "not_possible"),
@@ -52,7 +51,7 @@ DEVICE = ForceBytes(
         "a zero": NoWeight(b"Z A\r\n"),
         "a weight alone": NoWeight(b"1.00 g\r\n"),
         "no ASCII": NoWeight(b"\xff\xff\r\n"),
-        "half a line": NoWeight(b"S S     10", ForceTimeout, "no_reply"),
+        **without_line_end(b"S S     10.00 g"),
     },
     zeroing={
         "at rest": Zeroing({ZERO: [b"Z A\r\n"]}),
@@ -65,5 +64,6 @@ DEVICE = ForceBytes(
         "half a confirmation": Zeroing({ZERO: [b"Z\r\n"]}, ForceError, "garbled"),
         "a weight": Zeroing({ZERO: [b"S S 1.00 g\r\n"]}, ForceError, "garbled"),
     },
+    not_now={"busy": NoWeight(b"S I\r\n", ForceBusy, "busy")},
     lacks={"cell error": "no reply of levels 0 and 1 says so"},
 )

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
-from tests.contracts.force import SILENCE, UNASKED, ForceBytes, NoWeight, Weight, Zeroing
+from tests.contracts.force import SILENCE, UNASKED, ForceBytes, NoWeight, Weight, Zeroing, without_line_end
 
 LB_G = 453.59237
 TOO_MUCH = "10000.01"
@@ -51,7 +51,7 @@ def _garbled(line: str) -> Mapping[str, NoWeight]:
         "digits of another script": NoWeight(_line(line, "١٢")),
         "another line": NoWeight(b"Please check the wiring\r\n"),
         "more behind it": NoWeight(_line(line, "1.00").rstrip() + b" oz\r\n"),
-        "no end": NoWeight(_line(line, "1.00").rstrip(), ForceTimeout, "no_reply"),
+        **without_line_end(_line(line, "1.00").rstrip()),
     }
 
 

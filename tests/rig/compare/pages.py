@@ -242,10 +242,9 @@ def adaptive(run: Run) -> Run:
         press = {"indentor": "bar:3.0", "x_mm": -0.4, "target": "doi_mm", "value": 0.4}
         choice = {"possible": possible, "reason": reason, "probabilities": json.dumps(found)}
         events.append({"t_s": run.start["t_s"], "index": number, **press, **choice})
-    chooser = {"truth": {"candidate": "ep1"}, "source": "virtual:ep1", "possible_presses": 4}
-    start = {**run.start, "choose": chooser}
-    units = {**run.units, "choice": {}}
-    return replace(run, start=start, events={**run.events, "choice": events}, units=units)
+    source = {"t_s": run.start["t_s"], "truth": '{"candidate": "ep1"}', "source": "virtual:ep1", "presses": 4}
+    units = {**run.units, "choice": {}, "count_source": {}}
+    return replace(run, events={**run.events, "choice": events, "count_source": [source]}, units=units)
 
 
 # --- pages ---

@@ -194,13 +194,36 @@ def test_an_empty_folder(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
         read(tmp_path, stimuli)
 
 
-def test_an_afferent_whose_folder_is_empty_is_not_left_out_silently(
-    tmp_path: Path, stimuli: list[StimulusRow]
-) -> None:
-    """Its file may have been lost in copying, as a file that a table names and that is missing."""
-    for name, file in (("a1", "bar-3.csv"), ("a2", ".notes")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / file).write_text(CSV, encoding="utf-8")
+LEFT_IN_A_FOLDER = {
+    "an empty folder": (lambda path: (path / "a2").mkdir(), "a2: has no recording"),
+    "a folder with hidden files": (lambda path: laid(path / "a2" / ".notes"), "a2: has no recording"),
+    "a loose recording": (lambda path: laid(path / "a3-bar-3.csv"), "a3-bar-3.csv: in no folder of an afferent"),
+    "a loose file of a recording system": (lambda path: laid(path / "a3.plx"), "a3.plx: in no folder of an afferent"),
+    "a loose recording without suffix": (lambda path: laid(path / "a3"), "a3: in no folder of an afferent"),
+    "a link to nothing": (lambda path: (path / "a4").symlink_to("gone"), "a4: a link to gone, which is missing"),
+    "a link to nothing in a folder": (
+        lambda path: [(path / "a5").mkdir(), (path / "a5" / "bar-3.csv").symlink_to("gone")],
+        "a5/bar-3.csv: a link to gone, which is missing",
+    ),
+    "a readme and a page": (lambda path: [laid(path / "README.txt"), laid(path / "comparison.html")], ""),
+    "a hidden file": (lambda path: laid(path / ".DS_Store"), ""),
+}  # fmt: skip
+"""What may lie in a folder beside the recordings, and what is said: a file may have been lost in copying."""
+
+
+def laid(file: Path) -> None:
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(CSV, encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", LEFT_IN_A_FOLDER)
+def test_nothing_in_a_folder_is_left_out_silently(name: str, tmp_path: Path, stimuli: list[StimulusRow]) -> None:
+    lay, said = LEFT_IN_A_FOLDER[name]
+    laid(tmp_path / "a1" / "bar-3.csv")
+    lay(tmp_path)
+    if not said:
+        assert list(read(tmp_path, stimuli)) == ["a1"]
+        return
     with raises(RecordingError, "bad_rows", path=str(tmp_path), bad=1) as caught:
         read(tmp_path, stimuli)
-    assert f"{tmp_path / 'a2'}: has no recording" in str(caught.value)
+    assert said in str(caught.value)

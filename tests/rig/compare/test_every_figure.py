@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import EventCollection
+from matplotlib.collections import EventCollection, PathCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -51,7 +51,7 @@ Columns = dict[str, Any]
 
 UNITS = frozenset({
     "mm", "s", "min", "gwt", "kPa", "%", "MB", "bits", "1/mm", "cycles/mm", "impulses/s", "strain",
-    "pseudo-units", "pseudo-units³", "1/pseudo-unit", "unit of the recording", "standard deviations", "1",
+    "pseudo-units", "pseudo-units³", "1/pseudo-unit", "of the largest rate", "standard deviations", "1",
 })  # fmt: skip
 """What brackets at the end of a label may hold; strain and 1 declare a number."""
 COLOURS = {"black": "black", "gray": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
@@ -639,6 +639,16 @@ def test_colors_stand_out_on_a_dark_page(name: str, walk: Walk) -> None:
         for color, on_page in rules.items():
             assert _contrast(on_page, PAPER) >= min(LEAST_CONTRAST, 0.99 * _contrast(color[-7:], "#ffffff")), color
         assert rules["fill: #ffffff"] == PAPER
+
+
+@every_page
+def test_marks_between_colored_dots_follow_the_page(name: str, walk: Walk) -> None:
+    """A map hides the page, whose colors what lies on it must not follow; dots do not."""
+    for plot in walk(name).figures:
+        assert plot.svg
+        for axes in plot._drawn[1]:
+            if not axes.images and all(isinstance(one, PathCollection) for one in axes.collections):
+                assert not any(line.get_gid() for line in axes.lines), plot.title
 
 
 def _contrast(one: str, other: str) -> float:

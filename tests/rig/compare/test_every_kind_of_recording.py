@@ -37,10 +37,10 @@ def journal(folder: Path, presses: int = len(PRESSES)) -> Run:
     what = {"indentor": "bar:3.0", "target": "doi_mm", "value": 1.0, "increments": 1}
     events = {
         "mount": [{"indentor": "bar:3.0"}],
-        "indentation_start": [{"index": n, **what} for n, _ in done],
+        "indentation_start": [{"index": n, "t_s": start - 2, "x_mm": p[0], **what} for n, (p, start) in done],
         "hold_start": [{"index": n, "hold": 1, "t_s": start} for n, (_, start) in done],
         "hold_end": [{"index": n, "hold": 1, "x_mm": p[0], "t_s": start + 0.6} for n, (p, start) in done],
-        "indentation_end": [{"index": n} for n, _ in done],
+        "indentation_end": [{"index": n, "t_s": start + 1} for n, (_, start) in done],
     }
     return Run(RunFolder(folder), {}, None, {}, events, {}, 0.0, max(STARTS) + 0.6)
 

@@ -189,6 +189,8 @@ class Case:
     """Words of the sentences on the recording."""
     silent: str | None = None
     """Words that must not be among them."""
+    run: Callable[[Run], Run] = lambda run: run
+    """What is different in the run."""
 
 
 def gap(begin: float, end: float) -> dict[str, Any]:
@@ -202,6 +204,33 @@ def units_csv(unit: str, *rows: str) -> Callable[[Path], str]:
     return lambda folder: (
         text("\n".join(["time_s,kind,unit", *rows, *spikes]) + "\n")(folder) + f"#{unit}" * bool(unit)
     )
+
+
+def two_units(kind: str) -> Callable[[Path], str]:
+    """A file of a unit a, which fires at each press, and of a unit b, which has no spikes after 65 s."""
+    each = {"a": TIMES, "b": UNTIL_LOST}
+
+    def in_nix(folder: Path) -> str:
+        path, block, segment = folder / "synthetic.nix", neo.Block(), neo.Segment()
+        segment.spiketrains += [neo.SpikeTrain(s, units="s", t_stop=max(s), name=name) for name, s in each.items()]
+        block.segments.append(segment)
+        with neo.NixIO(str(path), mode="ow") as file:
+            file.write_block(block)
+        return f"{path}#b"
+
+    def in_mat(folder: Path) -> str:
+        path = folder / "synthetic.mat"
+        units = np.array([[name] for name, spikes in each.items() for _ in spikes], dtype=object)
+        scipy.io.savemat(path, {"time_s": np.array([*TIMES, *UNTIL_LOST]), "unit": units})
+        return f"{path}#b"
+
+    ends = [len(TIMES), len(TIMES) + len(UNTIL_LOST)]
+    in_nwb = nwb(units__spike_times=[*TIMES, *UNTIL_LOST], units__spike_times_index=ends, units__id=[0, 1])
+    in_csv = text("time_s,unit\n" + "".join(f"{t},{name}\n" for name, spikes in each.items() for t in spikes))
+    return {
+        "NWB": lambda folder: in_nwb(folder) + "#1", "CSV": lambda folder: in_csv(folder) + "#b", "NIX": in_nix,
+        "MAT": in_mat,
+    }[kind]  # fmt: skip
 
 
 SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
@@ -375,6 +404,27 @@ UNOBSERVED = {
             ("a start of 1, a unit 1.0", "one number", "1", ALL, 0, ("0,start,1.0", "100,stop,1.0")),
         )
     },
+    **{
+        f"{kind}, a unit that is silent while another fires": Case(
+            "the other unit's spikes show that the file recorded at 70 and 80 s, where this one has a rate of 0",
+            two_units(kind), rates=[*ALL[:3], 0], pulses=False,
+        )
+        for kind in ("NWB", "CSV", "NIX", "MAT")
+    },
+    **{
+        f"{kind}, a single spike": Case(
+            "the file recorded at its spike, and says no more", write, code="few_positions", pulses=False,
+            says=("7 of 8 presses are not observed: the file has events at 60.1 s, and does not state",),
+        )
+        for kind, write in {
+            "NWB": nwb(units__spike_times=[60.06]), "CSV": spikes_csv(spikes=[60.06]),
+            "NIX": nix(stop=60.06, spikes=[60.06]),
+        }.items()
+    },
+    "CSV, a start of a unit without spikes beside a unit with its own": Case(
+        "the unit that is read has its own rows, so the others are not its", units_csv(
+            "a", "0,start,a", "100,stop,a", "0,start,c"), rates=ALL, pulses=False,
+    ),
     "CSV, a fiber without spikes": Case(
         "its time is stated, so it is there", units_csv("c", "0,start,c", "100,stop,c"), code="no_spikes",
         pulses=False,
@@ -1636,8 +1686,66 @@ SHOWN = {
         ("observed=throughout",), rates=ALL),
 }  # fmt: skip
 
+
+def asked(**differently: tuple[Any, Any]) -> Callable[[Run], Run]:
+    """A run in which these were asked of the even presses, and of the odd ones."""
+
+    def changed(run: Run) -> Run:
+        starts = [
+            {**start, **{name: values[start["index"] % 2] for name, values in differently.items()}}
+            for start in run.stream("indentation_start")
+        ]
+        return replace(run, events={**run.events, "indentation_start": starts})
+
+    return changed
+
+
+def _labelled_by_place(run: Run) -> Run:
+    """As the schedules of the program are: the condition of a press is its position."""
+    starts = [{**start, "condition": f"{start['x_mm']:g}"} for start in run.stream("indentation_start")]
+    return replace(run, events={**run.events, "indentation_start": starts})
+
+
+def _moved_along(run: Run) -> Run:
+    moves = [{"t_s": start - 3, "along_mm": float(n % 2)} for n, start in enumerate(STARTS)]
+    return replace(run, events={**run.events, "move": moves})
+
+
+def _without_the_last_lift(run: Run) -> Run:
+    return replace(run, events={**run.events, "indentation_end": run.stream("indentation_end")[:-1]})
+
+
+OF_AMPLIFIER = of_amplifier(**PULSES)
+
+PRESSES_OF_A_RUN = {
+    "killed after the last hold": Case(
+        "a press whose last hold ended is finished", OF_AMPLIFIER, rates=ALL, run=_without_the_last_lift,
+        read_as="All 8 presses",
+    ),
+    **{
+        f"presses that differ in {words}": Case(
+            "they are no repeats of one condition", OF_AMPLIFIER, rates=ALL, run=run, read_as=f"differ in {words},"
+        )
+        for words, run in (
+            ("speed (0.1 and 0.3 mm/s)", asked(speed_mm_s=(0.1, 0.3))),
+            ("verb (indent and ramp)", asked(verb=("indent", "ramp"))),
+            ("duration of the hold (0.6 and 1 s)", asked(hold_s=(0.6, 1.0))),
+            ("condition (dry and wet)", asked(condition=("dry", "wet"))),
+            ("condition (none and wet) and speed (1 and 10 mm/s)",
+             asked(condition=(None, "wet"), speed_mm_s=(10.0, 1.0))),
+            ("place along the finger (0 and 1 mm)", _moved_along),
+        )
+    },
+    "presses whose condition is their position": Case(
+        "nothing is mixed", OF_AMPLIFIER, rates=ALL, silent="differ", run=_labelled_by_place,
+    ),
+    "presses that are alike": Case("nothing is said", OF_AMPLIFIER, rates=ALL, silent="differ",
+                                   run=asked(speed_mm_s=(0.1, 0.1), repeat=(1, 2), block=(1, 2))),
+}  # fmt: skip
+
 CASES = (
-    UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
+    PRESSES_OF_A_RUN
+    | UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
     | NO_PULSES_THERE | SHOWN | ORDERS
 )  # fmt: skip
 
@@ -1645,7 +1753,7 @@ CASES = (
 @pytest.mark.parametrize("name", CASES)
 def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     case = CASES[name]
-    run = run_with_pulses(tmp_path, case.width_s) if case.pulses else journal(tmp_path)
+    run = case.run(run_with_pulses(tmp_path, case.width_s) if case.pulses else journal(tmp_path))
     recorded = [f"bar:3={case.write(tmp_path)}"]
     reading = Reading((0.0, case.window_s))
     if case.code:

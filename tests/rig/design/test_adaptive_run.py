@@ -3,28 +3,26 @@
 import json
 import shutil
 from collections.abc import Callable, Mapping
-from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.cli.choosing import adaptive_run
 from rig.cli.run import _refuse_mounts
 from rig.cli.script_execution import RequestedRun
 from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.data.documents import as_line
+from rig.design import adaptive_run
 from rig.design import design as designs
-from rig.design.adaptive_run import AdaptiveRun, ChoosePress
-from rig.design.chooser import ChooserLostError, Choosing, Decision, InProcessChooser, NextPressChooser
+from rig.design.adaptive_run import ChoosePress, Chooser, ChosenPress, ConfiguredFinger
+from rig.design.chooser import ChooserLostError, Decision, InProcessChooser, NextPressChooser
 from rig.design.counts_from.growing_file import GrowingFile
 from rig.design.counts_from.lsl_stream import LslCounts
 from rig.design.counts_from.source import AcceptedCounts, CountSource
 from rig.design.design import DesignRequest
-from rig.design.designed import Designed, as_block
+from rig.design.designed import as_block
 from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
@@ -32,6 +30,7 @@ from rig.design.script_text import script_text
 from rig.engine import EngineError, TripError, verbs
 from rig.errors import BadInputError, CountError, RunAborted
 from rig.plan.config import Config, load_config
+from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
 from rig.session.orders import PressOrders, scope_of
@@ -51,6 +50,7 @@ REQUEST = DesignRequest(
     hold_s=0.2, rest_s=0.5, change_s=30.0, seed=2,
 )  # fmt: skip
 TRUTH = "virtual:e22@4"
+CHOOSE = f"counts={TRUTH}"
 DRY = ("dry-run", "designed.py", "--config", "rig.toml")
 
 
@@ -80,6 +80,7 @@ def here(
     monkeypatch.setattr(designs, "press_times", lambda *_: few_times)
     (tmp_path / "rig.toml").write_text(NEAR_HOME, encoding="utf-8")
     monkeypatch.setattr(designs, "response_table", lambda *_: some)
+    adaptive_run._KNOWN.clear()
     monkeypatch.setattr(ResponseTable, "predictions", _PREDICTIONS)
     blocks = [np.array([0, 4, 7]), np.array([11, 14, 18])]
     text = script_text(blocks, some.presses, "About.", "rig design", 0.2, 0.5, as_block(REQUEST, None))
@@ -95,7 +96,7 @@ def _choices(run: Path) -> list[dict[str, Any]]:
 
 def test_a_dry_run_chooses_and_says_what_it_found(here: Path, program: Program) -> None:
     """The verdict is beside the truth in output, JSON and report; each press is what the choice before it says."""
-    ended = program(*DRY, "--choose", TRUTH, "--json")
+    ended = program(*DRY, CHOOSE, "--json")
     assert ended.code == 0, ended.err
     choice = ended.json["choice"]
     assert (choice["truth"], choice["planned_from"]) == ("e22", None)
@@ -110,11 +111,12 @@ def test_a_dry_run_chooses_and_says_what_it_found(here: Path, program: Program) 
         choices[-1]["probabilities"]
     )
     assert run.complete
-    assert run.start["choose"]["truth"]["candidate"] == "e22"
+    (source,) = run.stream("count_source")
+    assert (json.loads(source["truth"])["candidate"], source["presses"]) == ("e22", 21)
     assert 'id="verdict"' in run.folder.report.read_text(encoding="utf-8")
     shown = program("show", run.folder.path, "--json").json
     assert shown["choice"] == choice
-    again = program(*DRY, "--choose", TRUTH, "--json")
+    again = program(*DRY, CHOOSE, "--json")
     assert _choices(Path(again.json["run"])) == _choices(run.folder.path)
 
 
@@ -137,12 +139,10 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
     config = load_config(here / "rig.toml")
 
     def done(script: Script, into: NewRun | StoppedRun) -> FinishedRun:
-        found = adaptive_run(_requested(script, config, into), TRUTH, 9.0, finger)
-        with closing(found.opened()):
-            plan = make_plan(found.as_script(), config, finger, found.before, None, known=found.approved.predictions)
-            return dry_run(found.applied(Session(found.as_script(), config, finger, plan, into)))
+        before = (into.run, into.folder.path) if isinstance(into, StoppedRun) else (None, None)
+        return dry_run(Session(script, config, finger, make_plan(script, config, finger, *before), into))
 
-    whole = done(load_script(str(here / "designed.py")), NewRun(here / "runs")).folder.path
+    whole = done(load_script(str(here / "designed.py"), [CHOOSE]), NewRun(here / "runs")).folder.path
     expected, presses = _choices(whole), len(read_run(whole).done)
     assert presses >= 3
     lines = (whole / "events.jsonl").read_bytes().splitlines(keepends=True)
@@ -176,7 +176,7 @@ def test_a_recorded_number_that_names_another_press_is_refused(
     here: Path, program: Program, monkeypatch: pytest.MonkeyPatch, some: ResponseTable
 ) -> None:
     """By another version of the finger's model, or by an edited journal: nothing moves."""
-    whole = Path(program(*DRY, "--choose", TRUTH, "--json").json["run"])
+    whole = Path(program(*DRY, CHOOSE, "--json").json["run"])
     lines = [json.loads(line) for line in (whole / "events.jsonl").read_bytes().splitlines()]
     numbers = [n for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] == "choice"]
     recorded = dict(lines[numbers[1]]["data"])
@@ -189,6 +189,7 @@ def test_a_recorded_number_that_names_another_press_is_refused(
         times = PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0)
         monkeypatch.setattr(designs, "response_table", lambda *_, now=now: now)
         monkeypatch.setattr(designs, "press_times", lambda *_, times=times: times)
+        adaptive_run._KNOWN.clear()
         ended = program("resume", folder, "--json")
         assert (ended.code, ended.json["code"]) == (2, "choice_changed"), (name, ended.err)
         assert (folder / "events.jsonl").read_bytes() == left, "nothing was made"
@@ -204,7 +205,12 @@ def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be
     first, second = rest.split('    ("bar:3.0"', 1)
     assert '("bar:1.5"' in first
     path.write_text(f'{start}{blocks}    ("bar:3.0"{second}', encoding="utf-8")
-    stopped = read_stopped(Path(program(*DRY, "--choose", TRUTH, "--json").json["run"]))
+    folder = Path(program(*DRY, CHOOSE, "--json").json["run"])
+    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+    (folder / "events.jsonl").write_bytes(
+        b"".join(lines[: 1 + next(n for n, line in enumerate(lines) if b'"zero"' in line)])
+    )
+    stopped = read_stopped(folder)
     for module in ("rig.cli.run", "rig.cli.confirm"):
         monkeypatch.setattr(f"{module}.can_answer", lambda: False)
     with pytest.raises(BadInputError) as caught:
@@ -216,29 +222,29 @@ def test_the_page_before_a_run_names_the_strongest_press_and_every_indentor_that
     here: Path, finger: Fingertip
 ) -> None:
     """The presses of the plan are not those that come."""
-    config, script = load_config(here / "rig.toml"), load_script(str(here / "designed.py"))
-    adaptive = adaptive_run(_requested(script, config, NewRun(here / "runs")), TRUTH, 9.0, finger)
-    possible, chosen = adaptive.approved, adaptive.as_script()
-    plan = make_plan(chosen, config, finger, known=possible.predictions)
-    plan = replace(plan, presses={**plan.presses, "data": plan.indentations[:1]})
-    assert plan.peak_force_gwt < possible.peak_force_gwt
-    session = adaptive.applied(Session(chosen, config, finger, plan, NewRun(here / "runs")))
+    config, script = load_config(here / "rig.toml"), load_script(str(here / "designed.py"), [CHOOSE])
+    plan = make_plan(script, config, finger)
+    plan.presses["data"] = plan.indentations[:1]
+    strongest = max(press.highest_gwt for press in plan.allowed)
+    assert strongest > plan.indentations[0].highest_gwt
+    assert plan.soft_trip_n == pytest.approx(2 * strongest * GWT_N)
+    session = Session(script, config, finger, plan, NewRun(here / "runs"))
     lines = Page(session, EngineError("not rehearsed"), 0.0).lines
-    assert in_both_units(possible.peak_force_gwt * GWT_N) in lines["force"]
-    assert str(len(possible.all_presses)) in lines["steps"]
+    assert in_both_units(strongest * GWT_N) in lines["force"]
+    assert str(len(plan.allowed)) in lines["steps"]
     assert all(shape in lines["first"] for shape in SHAPES)
-    assert f"{min(one.x_mm for one in possible.all_presses):g}" in lines["first"]
+    assert f"{min(one.x_mm for one in plan.allowed):g}" in lines["first"]
 
 
 @pytest.mark.parametrize(
     ("change", "options", "code"),
     [
-        (("", ""), ("--choose", TRUTH, "hold_s=0"), "no_hold"),
-        (('"e22"', '"e99"'), ("--choose", TRUTH), "unknown_candidate"),
-        (('"minutes": 0.9', '"minutes": 0.2'), ("--choose", TRUTH), "too_few_minutes"),
-        (('["bar:1.5", "bar:3.0"]', '["bar:1.5"]'), ("--choose", TRUTH), "press_not_designed"),
-        (('"seed": 2', '"sow": 2'), ("--choose", TRUTH), "unknown_key"),
-        (("BLOCKS = (", "BLOCKS = (3,"), ("--choose", TRUTH), "bad_blocks"),
+        (("", ""), (CHOOSE, "hold_s=0"), "no_hold"),
+        (('"e22"', '"e99"'), (CHOOSE,), "unknown_candidate"),
+        (('"minutes": 0.9', '"minutes": 0.2'), (CHOOSE,), "too_few_minutes"),
+        (('["bar:1.5", "bar:3.0"]', '["bar:1.5"]'), (CHOOSE,), "press_not_designed"),
+        (('"seed": 2', '"sow": 2'), (CHOOSE,), "unknown_key"),
+        (("BLOCKS = (", "BLOCKS = (3,"), (CHOOSE,), "bad_blocks"),
     ],
 )
 def test_what_is_refused_before_anything_moves(
@@ -335,25 +341,12 @@ def test_a_growing_file_gives_each_whole_line_once(tmp_path: Path) -> None:
     assert caught.value.code == "shortened"
 
 
-@pytest.mark.parametrize(
-    ("rows", "code"),
-    [("0,3\n", "press_not_made"), (None, "no_file")],
-)
-def test_a_real_run_is_refused_before_a_port_is_opened(
-    here: Path, program: Program, monkeypatch: pytest.MonkeyPatch, rows: str | None, code: str
-) -> None:
-    """Its source already has counts, of which none can be right before the first press, or it can never be read."""
-    monkeypatch.setattr("rig.cli.run.ready_for_a_real_run", lambda *_, **__: None)
-    monkeypatch.setattr("rig.cli.run.OwnedStage", lambda *_: pytest.fail("a port was opened"))
-    monkeypatch.setattr("rig.design.chooser.ChooserProcess", InProcessChooser)
-    counts = here / "counts.csv" if rows is not None else here / "no" / "counts.csv"
-    if rows is not None:
-        counts.write_text(f"index,count\n{rows}", encoding="utf-8")
-    options = ("--config", "rig.toml", "--choose", counts, "--mounted", "bar:1.5", "--yes", "--json")
-    ended = program("run", "designed.py", *options)
-    assert ended.json["code"] == code, ended.err
-    assert ended.json["ending"]["indentor"]["left"] == "not moved"
-    assert not list(here.glob("runs/*")), "nothing moved"
+def test_a_dry_run_whose_counts_can_only_be_recorded_ends_before_a_motion(here: Path, program: Program) -> None:
+    ended = program(*DRY, "counts=counts.csv", "--json")
+    assert ended.json["code"] == "not_virtual", ended.err
+    run = read_run(Path(ended.json["run"]))
+    assert run.start["parameters"]["counts"] == str(here / "counts.csv"), "so that it resumes anywhere"
+    assert not run.stream("home")
 
 
 # --- the wait at clearance ---
@@ -384,32 +377,37 @@ class _Chooser(NextPressChooser):
         self.closed = True
 
 
-SECOND = ChoosePress(index=1, last=0, planned=7, of=None)  # type: ignore[arg-type]
-
-
 @pytest.fixture
-def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Callable[..., Any]) -> Callable[..., Any]:
+def waiting(
+    here: Path, finger: Fingertip, spring: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Any]:
     """Return a function that has a run at clearance wait for its second choice, and returns what came of it."""
 
     def wait(
-        chooser: _Chooser,
+        counter: _Chooser | None,
         within_s: float = 0.2,
         problem: TripError | None = None,
         interrupt: Callable[[], bool] = _never,
-        step: ChoosePress = SECOND,
         lost: Callable[[Any], object] = lambda bench: None,
-    ) -> tuple[int | None, Any]:
-        script = load_script(str(here / "designed.py"))
-        choosing = Choosing(REQUEST, TRUTH, Config(), some, few_times)
-        run = AdaptiveRun(script, Designed.of(script), choosing, within_s, lambda _: chooser).opened()
+        counts: str = TRUTH,
+    ) -> tuple[ChosenPress, Any]:
+        blocks: dict[str, Any] = {}
+        exec((here / "designed.py").read_text(encoding="utf-8"), blocks)
+        monkeypatch.setattr("rig.design.chooser.ChooserProcess", lambda what, _: counter or InProcessChooser(what))
+        chooser = Chooser(
+            None,  # type: ignore[arg-type]
+            blocks["DESIGN"], blocks["BLOCKS"], hold_s=0.2, rest_s=0.5, counts=counts, within_s=within_s,
+        )  # fmt: skip
+        config = load_config(here / "rig.toml")
+        chooser._choices.append(ChosenPress(chooser._planned[0], 0, "first"))
+        step = ChoosePress(index=1, planned=chooser._planned[1], chooser=chooser)
         bench = spring()
         bench.journal.start({"protocol": "p"})
         engine = bench.ready()
         bench.interrupt = interrupt
         engine.stop_inputs = lambda engine, *, at_rest: problem
         lost(bench)
-        found = run.choose(engine, step)
-        return found, bench
+        return chooser.choose(engine, step, ConfiguredFinger(config, FingerModel(finger, {}))), bench
 
     return wait
 
@@ -429,11 +427,24 @@ def test_without_counts_the_plan_goes_on_and_the_run_says_so(
 ) -> None:
     chooser = _Chooser(look)
     found, bench = waiting(chooser)
-    assert (found, chooser.closed) == (7, True)
+    assert (found.possible, chooser.closed) == (4, True)
     (alarm,) = bench.of("alarm")
     assert alarm["reason"]
     (choice,) = bench.of("choice")
-    assert (choice["reason"], choice["possible"], choice["count"]) == ("plan", 7, None)
+    assert (choice["reason"], choice["possible"], choice["count"]) == ("plan", 4, None)
+
+
+@pytest.mark.parametrize(("rows", "code"), [("1,3\n", "press_not_made"), (None, "no_file")])
+def test_a_source_that_cannot_be_right_ends_the_run_before_a_motion(
+    waiting: Callable[..., Any], tmp_path: Path, rows: str | None, code: str
+) -> None:
+    """It already has the count of a press that was not made, or it can never be read."""
+    counts = tmp_path / "counts.csv" if rows is not None else tmp_path / "no" / "counts.csv"
+    if rows is not None:
+        counts.write_text(f"index,count\n{rows}", encoding="utf-8")
+    with pytest.raises(CountError) as caught:
+        waiting(None, counts=str(counts))
+    assert caught.value.code == code
 
 
 @pytest.mark.parametrize("possible", [-1, 42, 10_000])
@@ -508,7 +519,7 @@ def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypat
             return super().is_ready()
 
     monkeypatch.setattr("rig.design.chooser.InProcessChooser", _Stops)
-    ended = program(*DRY, "--choose", TRUTH, "--json")
+    ended = program(*DRY, CHOOSE, "--json")
     assert ended.code == 0, ended.err
     run = read_run(Path(ended.json["run"]))
     assert ended.json["choice"]["planned_from"] == 3

@@ -1,4 +1,4 @@
-"""`rig run --choose` on real ports: counts from a growing file, a stop during the wait, sources that misbehave."""
+"""Presses chosen on real ports: counts from a growing file, a stop during the wait, sources that misbehave."""
 
 import json
 import os
@@ -76,7 +76,7 @@ def chosen(elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path],
 
     def start(most: int, within_s: float = 20.0) -> tuple[Elsewhere, Path]:
         counts = tmp_path / "counts.csv"
-        options = ("--yes", "--config", whole[1], "--choose", counts, "--count-within-s", within_s)
+        options = ("--yes", "--config", whole[1], "--set", f"counts={counts}", "--set", f"count_within_s={within_s}")
         run = elsewhere(_script(), "run", *options, "--json")
         labs.append(Lab(run, counts, most))
         return run, counts

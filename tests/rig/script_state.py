@@ -9,7 +9,7 @@ import pytest
 from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
-from rig.protocol.check import NoPredictionError, Spot, Walk
+from rig.protocol.check import NoPredictionError, PressPlace, ScriptState
 from rig.protocol.steps import Step
 from rig.records import Pace, Prediction, Target
 from rig.settings import RigSettings
@@ -48,17 +48,17 @@ class StandIn:
 class Walked:
     """What a script handed on: its steps, where each stood, what each expected and what it was answered."""
 
-    walk: Walk
+    state: ScriptState
     steps: list[Step[Any, Any]] = field(default_factory=list)
-    spots: list[Spot] = field(default_factory=list)
+    places: list[PressPlace] = field(default_factory=list)
     expected: list[Any] = field(default_factory=list)
     answers: list[Any] = field(default_factory=list)
 
-    def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
+    def handle(self, step: Step[Any, Any], place: PressPlace) -> Any:
         """As the plan does, and kept."""
         self.steps.append(step)
-        self.spots.append(spot)
-        self.expected.append(step.expect(spot, self.walk))
+        self.places.append(place)
+        self.expected.append(step.expect(place, self.state))
         self.answers.append(step.foreseen(self.expected[-1]))
         return self.answers[-1]
 
@@ -70,10 +70,10 @@ def walked(
     parameters: ProtocolParameters | None = None,
     **tables: Any,
 ) -> Walked:
-    """Walk through a script; `tables` are those of the configuration. Raises BadInputError."""
+    """ScriptState through a script; `tables` are those of the configuration. Raises BadInputError."""
     settings = settings or RigSettings.model_validate(tables)
-    kept = Walked(Walk(settings, finger or StandIn()))
-    script(Rig(parameters or ProtocolParameters(), kept.walk, kept))
+    kept = Walked(ScriptState(settings, finger or StandIn()))
+    script(Rig(parameters or ProtocolParameters(), kept.state, kept))
     return kept
 
 
