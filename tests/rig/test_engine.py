@@ -16,6 +16,7 @@ from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
+from rig.engine.limits import FingerStiffness
 from rig.engine.sensing import ForceZero
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -492,6 +493,15 @@ def test_a_place_is_at_clearance_to_the_micrometer() -> None:
     engine.go_to_height(2.015, 0.5)
     verbs.move_to(engine, 1.0)
     assert bench.of("move")[-1] == {"x_mm": 1.0, "along_mm": 0.0, "height_mm": pytest.approx(2.0)}
+
+
+def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
+    speeds_mm_s = []
+    for stiffness in (None, FingerStiffness(1000.0)):
+        bench = StubBench(stiffness=stiffness)
+        verbs.move_to(bench.ready(), 3.0)
+        speeds_mm_s.append(bench.stage.told[-1][3])
+    assert speeds_mm_s[1] < 0.5 * speeds_mm_s[0]
 
 
 def test_a_zero_journals_the_reading_in_the_air() -> None:

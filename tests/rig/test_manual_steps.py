@@ -385,6 +385,8 @@ def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., Se
     assert code_of_end(bench.step("z", -1.0)) == "touched"
     assert bench.height_mm < 0.0
     assert bench.worst_gwt <= one_increment_gwt(bench, TOUCH_GWT)
+    freeze(bench, 3.0)
+    assert code_of_end(bench.step("z", -0.5)) == "lost_finger", "nor a sensor that shows the air again"
 
 
 def test_position_and_force_are_shown_while_it_moves_and_at_a_look(at_hand: Callable[..., SessionBench]) -> None:
