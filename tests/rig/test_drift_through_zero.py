@@ -152,11 +152,12 @@ def _resting(shows_gwt: Callable[[float], float]) -> Sensing:
     [
         (lambda t_s: 0.01, 0.01),
         (lambda t_s: 8.0, 8.0),
+        (lambda t_s: 0.02 * (round(t_s / 0.55) % 2), 0.0),  # within half a touch
         (lambda t_s: 8.0 * np.exp(-t_s / 0.3), 0.0),  # a slow cell
         (lambda t_s: 8.0 if t_s < 0.5 else 0.0, 0.0),  # a late one
         (lambda t_s: 0.1 - 0.2 * t_s, -0.5),  # a drift: it is a touch in the end
     ],
-    ids=["air", "touch", "slow", "late", "drift"],
+    ids=["air", "touch", "wavers", "slow", "late", "drift"],
 )
 def test_the_force_at_rest_is_two_readings_that_agree(
     shows_gwt: Callable[[float], float], at_rest_gwt: float

@@ -442,8 +442,11 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     asked_s: list[float] = []
     engine.stop_inputs = lambda engine, *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
     begun_s, read = bench.clock.monotonic_s(), len(bench.force.read_s)
+    looks, status = list[float](), bench.stage.status
+    bench.stage.status = lambda: (looks.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
     verbs.rest(engine, 3.8)
     ended_s = bench.clock.monotonic_s()
+    assert len(looks) == 3, "the stage each second"
     assert ended_s - begun_s == pytest.approx(3.8, abs=0.11)
     assert bench.of("rest") == [{"rest_s": 3.8}]
     waits_s = [b - a for a, b in itertools.pairwise([begun_s, *dict.fromkeys(asked_s)])]
@@ -456,8 +459,9 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
 
 
 def test_a_rest_lasts_as_long_as_asked_also_with_a_slow_sensor() -> None:
-    bench = StubBench({"force": {"latency_s": 0.5}})
+    bench = StubBench()
     engine = bench.ready()
+    bench.force.sample_period_s = 0.5
     begun_s = bench.clock.monotonic_s()
     verbs.rest(engine, 3.8)
     assert bench.clock.monotonic_s() - begun_s == pytest.approx(3.8, abs=0.11)
