@@ -125,8 +125,11 @@ def test_a_person_may_take_a_minute_between_two_steps(at_hand: Callable[..., Ses
     assert code_of_end(bench.step("z", -0.05)) is None
 
 
-def test_a_finger_that_was_touched_for_too_long_is_only_left(at_hand: Callable[..., SessionBench]) -> None:
-    bench = at_hand(above_mm=0.2, zero=ZERO, max_contact_s=30.0)
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
+def test_a_finger_that_was_touched_for_too_long_is_only_left(
+    at_hand: Callable[..., SessionBench], known: bool
+) -> None:
+    bench = at_hand(above_mm=0.2, zero=ZERO, max_contact_s=30.0, known=known)
     assert code_of_end(bench.step("z", -1.0)) == "touched"
     bench.clock.wait_s(31.0)
     for axis, by_mm in (("z", -0.05), ("x", 1.0)):
