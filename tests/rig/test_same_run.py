@@ -2,11 +2,12 @@
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rig.data import read_run
@@ -107,6 +108,14 @@ LATER = {
     "more presses": ("data press index 7: ", "x_mm = 0.5, ", "the run has no further step"),
 }
 """What it does otherwise later, and words of the refusal."""
+
+
+@pytest.fixture(autouse=True)
+def _generator_of_numpy() -> Iterator[None]:
+    """A script may set another one, in this process too."""
+    before = np.random.get_bit_generator()
+    yield
+    np.random.set_bit_generator(before)
 
 
 @pytest.fixture
