@@ -163,7 +163,7 @@ class StubBench:
     """The engine, its bench, and what it has journalled; `at_event` may raise."""
 
     def __init__(
-        self, tables: Mapping[str, Any] | None = None, soft_trip_n: float | None = None, **before: float
+        self, tables: Mapping[str, Any] | None = None, soft_trip_n: float | None = None, **before: Any
     ) -> None:
         self.settings = RigSettings.model_validate(tables or {})
         self.clock = VirtualClock(1.7e9, 100.0)

@@ -132,7 +132,7 @@ def test_an_aged_lift_is_a_raised_position_only_where_the_stage_was_left(kind: s
     found = memory.read().aged_contact(bench.stage.status())
     assert found is not None
     assert (found.kind, found.may_touch, found.aged) == ("raised", True, True)
-    assert "last measured at 2023-11-1" in found.words
+    assert "by position only; last measured at 2023-11-1" in found.words
     _switched_off_and_on(bench.board)
     bench.stage.connect()
     for at in (bench.stage.status(), None):

@@ -39,13 +39,6 @@ def _approached(bench: PlainBench) -> list[list[float]]:
 # --- how near ---
 
 
-def test_the_force_may_go_unread_in_a_move_as_long_as_was_measured() -> None:
-    settings = RigSettings.model_validate({"force": {"latency_s": 0.02}, "stage": {"acceleration_mm_s2": 80.0}})
-    late = Stopping.in_one_move(settings, 0.5)
-    assert late == Stopping(0.5, pytest.approx(0.02 + 0.05 + 0.11 + 0.35), 80.0, float("inf"))
-    assert late.distance_mm == pytest.approx(0.5 * 0.53 + 0.25 / 160)
-
-
 @pytest.mark.parametrize("speed_mm_s", [0.02, 5.0])
 @pytest.mark.parametrize("force", [{}, {"latency_s": 0.2}, {"sample_period_s": 0.2}])
 @pytest.mark.parametrize(("increment_mm", "acceleration_mm_s2"), [(0.05, 50.0), (0.05, 5.0), (0.01, 50.0)])
@@ -205,14 +198,6 @@ def test_a_pause_is_taken_before_the_one_move() -> None:
     with raises(RunAborted, "stopped_at_a_safe_point"):
         indent(engine, TARGET, hold_s=0.0)
     assert bench.stage.moves == moves
-
-
-def test_a_new_engine_knows_no_place() -> None:
-    """A run that is taken up has one."""
-    bench = _bench()
-    indent(bench.ready(), TARGET, hold_s=0.0)
-    again = Engine(bench.settings, bench, bench)
-    assert again.touched.free_mm(0.0, 0.0, 0.5) == 2.0
 
 
 # --- a finger that has come nearer, on real bytes ---

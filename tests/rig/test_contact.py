@@ -45,6 +45,25 @@ def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None
     assert (found.to_do is None) is confirmed
 
 
+@pytest.mark.parametrize(
+    ("may_touch", "kind", "gwt", "after_s", "then", "renewed"),
+    [
+        (False, "lifted", 0.02, 0.9, "lifted", True),
+        (False, "lifted", 0.02, 1.1, "lifted", False),
+        (False, "lifted", -0.06, 1.1, "disagreement", True),
+        (True, "lifted", 0.06, 0.5, "lifted", False),
+        (True, "lifted", 0.02, 0.5, "lifted", False),
+        (False, "raised", 0.02, 0.5, "raised", False),
+    ],
+)
+def test_a_reading_renews_a_fresh_lift_or_ends_it_and_below_clearance_does_neither(
+    may_touch: bool, kind: ContactKind, gwt: float, after_s: float, then: ContactKind, renewed: bool
+) -> None:
+    before = ContactRecord(KnownContact(kind), 100.0, may_touch=may_touch)
+    found = before.after_reading(KnownContact("lifted", gwt), 100.0 + after_s, 0.05)
+    assert (found.measured.kind, found.measured_s) == (then, 100.0 + after_s * renewed)
+
+
 # --- every place that mentions it ---
 
 
@@ -141,10 +160,13 @@ def test_every_place_says_what_is_known_and_no_more(
     known = _known(kind)
     _on_record(settings, known)
     said = PLACES[place](settings, known, tmp_path)
+    assert said == "None" or f"x = 0.50 mm, {abs(known.height_mm or 0.0):.2f} mm " in said
     assert (DOES_NOT_TOUCH in said) is (kind == "lifted" and place in FRESH)
     assert (MAY_TOUCH in said) is (kind != "lifted" or (place not in FRESH and said != "None"))
     if kind in ("disagreement", "touching"):
         assert f"{FORCES[kind]:.2f} gwt" in said
+    if FORCES[kind] is None:
+        assert "last measured" not in said, "no force was"
     if kind == "raised" and place in FRESH:
         assert "not confirmed by force" in said
     if place not in FRESH and said != "None" and FORCES[kind] is not None:
@@ -222,21 +244,6 @@ def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that
     again.sensing.zero = zero
     verbs.home(again)
     assert left_on_record(tmp_path / "runs", settings) is None
-    bench.journal.close()
-
-
-def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
-    bench: FaultyBench, settings: Config
-) -> None:
-    memory = BenchMemory(settings)
-    memory.touched(KnownContact("touching", 5.0))
-    again = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N, memory=memory)
-    verbs.home(again)
-    for verb, kind in ((lambda: None, "raised"), (lambda: verbs.zero(again), "lifted")):
-        verb()
-        contact = memory.read().contact
-        assert contact is not None
-        assert contact.kind == kind
     bench.journal.close()
 
 

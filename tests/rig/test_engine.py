@@ -12,24 +12,17 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceTimeout, StageError
-from rig.engine import LimitError, PressId, Target, TripError, indent, verbs
+from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
+from rig.engine.limits import FingerStiffness
 from rig.engine.sensing import ForceZero
-from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
 
 # --- clearance and contact ---
-
-
-@pytest.mark.parametrize(("height_mm", "clear"), [(10.0, True), (1.985, True), (1.97, False), (1.95, False)])
-def test_below_clearance_is_in_contact(height_mm: float, clear: bool) -> None:
-    engine = StubBench().ready()
-    engine.go_to_height(height_mm, 0.5)
-    assert (engine.state, engine.contact.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
 
 
 @pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
@@ -135,6 +128,21 @@ def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenev
     assert engine.known_contact.aged
 
 
+@pytest.mark.parametrize(
+    ("moved", "after_s", "measures"), [(False, 0.0, False), (True, 0.0, False), (True, 2.0, True)]
+)
+def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
+    moved: bool, after_s: float, measures: bool
+) -> None:
+    bench = StubBench()
+    if moved:
+        bench.ready().measure_contact()
+    bench.clock.wait_s(after_s)
+    read = len(bench.force.read_s)
+    bench.engine.measure_at_end()
+    assert (len(bench.force.read_s) > read) is measures
+
+
 def test_a_stage_that_may_have_lost_its_lowest_height_is_told_it_again() -> None:
     """After it was forgotten, after a stop, and after one that was not confirmed."""
     bench = StubBench()
@@ -202,55 +210,14 @@ def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed
     engine, pressed = bench.in_contact(), list[bool]()
     bench.force.at_read = lambda: pressed.append(True)
     button = TripError("stop input button", "stop_input")
-    engine.stop_inputs = lambda engine, *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
+    engine.stop_inputs = lambda engine, *, at_rest: (
+        button if at_rest and bool(pressed) is (pressed_at == "after") else None
+    )
     with raises(TripError, "stop_input", input="button"):
         READINGS[read](engine)
 
 
 # --- what is felt on the way ---
-
-
-@pytest.mark.parametrize(
-    ("soft_gwt", "force_gwt", "code", "limit_gwt"),
-    [
-        (50.0, 60.123456789, "soft_trip", 50.0),
-        (1e9, 600.123456789, "hard_trip", 5.0 / GWT_N),
-        (50.0, 600.123456789, "hard_trip", 5.0 / GWT_N),
-    ],
-)
-def test_what_is_felt_on_the_way_is_on_record_and_trips(
-    soft_gwt: float, force_gwt: float, code: str, limit_gwt: float
-) -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    engine.trips.soft_gwt = soft_gwt
-    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", force_gwt)
-    with raises(TripError, code, phase="moving", force_gwt=force_gwt, limit_gwt=limit_gwt):
-        verbs.move_to(engine, 3.0)
-    sample, trip, _ = bench.events[-3:]
-    assert (sample[0], sample[1]["phase"], repr(sample[1]["force_gwt"])) == (
-        "sample",
-        "moving",
-        repr(round(force_gwt, 6)),
-    )
-    assert (sample[1]["index"], sample[1]["stable"], sample[1]["doi_mm"]) == (-1, False, None)
-    assert (trip[0], trip[1]["force_gwt"]) == ("trip", pytest.approx(force_gwt))
-
-
-def test_no_reading_on_the_way_trips_and_leaves_no_sample() -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    samples, moves = len(bench.of("sample")), len(bench.stage.told)
-
-    def silent() -> None:
-        if len(bench.stage.told) > moves:
-            raise ForceTimeout("no answer")
-
-    bench.force.at_read = silent
-    with raises(TripError, "no_reading", error="no answer"):
-        verbs.move_to(engine, 3.0)
-    assert len(bench.of("sample")) == samples
-    assert bench.stage.told[-2] == "halt"  # and then the lift
 
 
 def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
@@ -475,8 +442,11 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     asked_s: list[float] = []
     engine.stop_inputs = lambda engine, *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
     begun_s, read = bench.clock.monotonic_s(), len(bench.force.read_s)
+    looks, status = list[float](), bench.stage.status
+    bench.stage.status = lambda: (looks.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
     verbs.rest(engine, 3.8)
     ended_s = bench.clock.monotonic_s()
+    assert len(looks) == 3, "the stage each second"
     assert ended_s - begun_s == pytest.approx(3.8, abs=0.11)
     assert bench.of("rest") == [{"rest_s": 3.8}]
     waits_s = [b - a for a, b in itertools.pairwise([begun_s, *dict.fromkeys(asked_s)])]
@@ -486,6 +456,26 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     assert max(b - a for a, b in itertools.pairwise([begun_s, *read_s, ended_s])) < 0.35
     recorded = bench.of("sample")[samples:]
     assert [sample["phase"] for sample in recorded] == 3 * ["rest"]
+
+
+def test_a_rest_lasts_as_long_as_asked_also_with_a_slow_sensor() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.sample_period_s = 0.5
+    begun_s = bench.clock.monotonic_s()
+    verbs.rest(engine, 3.8)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(3.8, abs=0.11)
+
+
+def test_only_the_touch_counts_as_contact_time_in_a_rest() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    for after_s, gwt in ((1.0, 0.3), (2.0, 0.0)):
+        bench.clock.call_at(
+            bench.clock.monotonic_s() + after_s, lambda gwt=gwt: setattr(bench.force, "shows_gwt", gwt)
+        )
+    verbs.rest(engine, 6.0)
+    assert engine.contact_time.total_s == pytest.approx(1.0, abs=0.2)
 
 
 def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
@@ -498,38 +488,37 @@ def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
     assert bench.height_mm == pytest.approx(10.0)
 
 
-# --- zero ---
+# --- places and zeros ---
 
 
-@pytest.mark.parametrize("fails_at", [3, 15])
-def test_a_zero_that_fails_leaves_none(fails_at: int) -> None:
-    """The third reading is one of the drift; the fifteenth is one of the new zero, and the sensor was zeroed."""
+def test_a_place_is_at_clearance_to_the_micrometer() -> None:
     bench = StubBench()
     engine = bench.ready()
-    kept, begun = list[ForceZero | None](), len(bench.force.read_s)
-    before = engine.sensing.zero
-    engine.memory = KeptMemory(zeros=kept)
+    engine.go_to_height(2.015, 0.5)
+    verbs.move_to(engine, 1.0)
+    assert bench.of("move")[-1] == {"x_mm": 1.0, "along_mm": 0.0, "height_mm": pytest.approx(2.0)}
 
-    def fail() -> None:
-        if len(bench.force.read_s) - begun >= fails_at:
-            raise ForceTimeout("no answer")
 
-    bench.force.at_read = fail
-    with raises(TripError, "no_reading"):
-        verbs.zero(engine)
-    assert (engine.sensing.zero, kept) == ((before, []) if fails_at == 3 else (None, [None]))
-    assert len(bench.of("zero")) == 1
+def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
+    speeds_mm_s = []
+    for stiffness in (None, FingerStiffness(1000.0)):
+        bench = StubBench(stiffness=stiffness)
+        verbs.move_to(bench.ready(), 3.0)
+        speeds_mm_s.append(bench.stage.told[-1][3])
+    assert speeds_mm_s[1] < 0.5 * speeds_mm_s[0]
+
+
+def test_a_zero_journals_the_reading_in_the_air() -> None:
+    bench = StubBench()
+    bench.force.shows_gwt = 7.0
+    bench.ready()
+    (zero,) = bench.of("zero")
+    assert zero == {"sensor": "stub sensor", "noise_gwt": 0.0, "offset_gwt": pytest.approx(7.0), "drift_gwt": None}
 
 
 # --- on a board and a balance ---
 
 Make = Callable[..., Any]
-
-FORCE = Target("force_gwt", 2.33)
-
-
-def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
-    return indent(engine, target, **{"hold_s": 0.2, **manner})
 
 
 def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
@@ -542,44 +531,6 @@ def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
             verbs.move_to(engine, x_mm, along_mm)
     assert len(bench.moves()) == before
     assert engine.state is State.READY
-
-
-def test_a_long_move_down_below_clearance_is_refused_unsent(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    for height in (1.9, 0.0, -1.0):
-        with raises(LimitError, "longer_than_an_increment", to_mm=height):
-            engine.go_to_height(height, 0.5)
-    assert len(bench.moves()) == before
-
-
-def test_a_reading_is_of_after_the_move(spring: Make) -> None:
-    """The balance samples on its own grid: what is read must be a sample taken at rest."""
-    bench = spring(contact_mm=1.99)
-    engine = bench.ready()
-    for n in range(20):
-        engine.go_to_height(engine.height_mm - 0.0213, 0.5)
-        read = engine.read_force_gwt(PressId(0), "touch")
-        depth = bench.contact_mm - bench.height_mm
-        assert read == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.005 + 1e-6), n
-
-
-def test_a_frame_of_its_own(spring: Make) -> None:
-    """Machine coordinates are the frame's; the finger's do not change."""
-    settings = RigSettings.model_validate(
-        {"frame": {"pad_centre_x_mm": -20.0, "pad_y_mm": -10.0, "apex_z_mm": -15.0}}
-    )
-    bench = spring(settings=settings)
-    engine = bench.ready(1.0)
-    assert bench.true_pose() == pytest.approx((1.0, -2.3), abs=0.002)
-    aside = next(move for move in bench.moves() if "X" in move)
-    assert aside == pytest.approx({"X": -19.0, "Y": -10.0, "F": 300.0})
-    assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
-
-
-def test_a_plan_lowers_the_force_that_trips_a_press() -> None:
-    assert StubBench(soft_trip_n=0.5).engine.trips.lowest_gwt == pytest.approx(50.986, abs=1e-3)
 
 
 def test_homing_begins_anew() -> None:

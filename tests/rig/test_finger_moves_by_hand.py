@@ -17,7 +17,6 @@ from rig.engine.limits import FingerStiffness, SidewaysLimit, Trips
 from rig.engine.sensing import ForceZero
 from rig.errors import LimitError
 from rig.plan.config import Config
-from rig.session.resume import left_on_record
 from sim.carriage import Carriage
 from tests.error_codes import raises
 from tests.rig.hand_bench import KINDS, STAGES, HandBench, Person, SessionBench, Spring, code_of_end
@@ -244,15 +243,6 @@ def test_status_says_when_contact_was_last_measured_where_it_cannot_measure(
     assert said["measured_unix_s"] == 1.7e9
     assert "last measured at 20" in said["where_text"]
     assert "0.00 gwt, and unknown since because a finger moves" in said["where_text"]
-
-
-def test_the_page_before_a_run_says_nothing_of_a_lift_on_record_and_when_a_touch_was_measured(tmp_path: Any) -> None:
-    bench = HandBench("grbl", zero=ZERO, lifted=True)
-    assert left_on_record(tmp_path, bench.config) is None
-    bench.memory.touched(KnownContact("touching", 5.0, 0.0, -1.0, 1.7e9))
-    said = str(left_on_record(tmp_path, bench.config))
-    assert "last measured at 20" in said
-    assert "5.00 gwt, and unknown since because a finger moves; the indentor may still touch the finger" in said
 
 
 # --- zero ---

@@ -54,12 +54,6 @@ def test_the_backlog_gives_what_is_new_in_pieces_and_says_what_was_lost() -> Non
     assert log.since(11)["rows"][0] == (11.0,)
 
 
-def test_an_answer_stays_below_what_the_wire_takes() -> None:
-    row = (1763942400.123, 123456.789, -1234.567891, -123.456, -123.456, -123.456, -123.456789)
-    assert AT_A_TIME * len(json.dumps(row)) < 0.75 * (1 << 16)
-    assert len(row) == len(COLUMNS)
-
-
 @pytest.mark.parametrize("period_s", [0.05, 0.02])
 def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(
     make: Callable[..., HandBench], period_s: float
@@ -386,16 +380,6 @@ def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
     numbers = [line["number"] for _, *rest in lines for line in rest]
     assert numbers == list(range(200 - len(numbers), 200))
     assert len(numbers) >= 75
-
-
-def test_a_full_file_that_none_can_follow_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
-    monkeypatch.setattr(hand_log, "FILE_BYTES", 100)
-    with ManualLog(VirtualClock(1.7e9)) as log:
-        monkeypatch.setattr(hand_log, "ByteLog", raising(OSError("no space")))
-        for number in range(30):
-            log.write(f'{{"number": {number:5d}}}\n')
-    assert len(log.path.read_text("ascii").splitlines()) == 31
 
 
 def test_what_was_done_is_noted_beside_the_bytes(make: Callable[..., HandBench]) -> None:

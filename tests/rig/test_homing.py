@@ -260,6 +260,34 @@ def test_going_back_ends_where_the_force_grows() -> None:
     assert bench.stage.at_mm[2] - FROM_MM == pytest.approx(BEYOND_MM, abs=2 * STEP_MM)
 
 
+@pytest.mark.parametrize("below_gwt_mm", [3.0, 0.4])
+def test_going_back_ends_where_a_force_grows_that_never_vanished(below_gwt_mm: float) -> None:
+    """Also where it grows by less than a step shows."""
+
+    def force_gwt(up_mm: float) -> float:
+        past_mm = up_mm - BEYOND_MM
+        return 4.0 + max(3.0 * past_mm, -below_gwt_mm * past_mm) if up_mm > 0.4 or _homings(bench) else 0.0
+
+    bench = _bench(force_gwt)
+    with raises(TripError, "homing_wrong_way"):
+        verbs.home(bench.engine)
+    assert bench.stage.at_mm[2] - FROM_MM == pytest.approx(BEYOND_MM, abs=3 * STEP_MM)
+
+
+def test_force_that_grows_either_way_from_where_homing_halted_is_no_wrong_way() -> None:
+    bench, halted_mm = _bench(), list[float]()
+    bench.stage.at_stop = lambda: halted_mm.append(bench.stage.at_mm[2])
+
+    def read() -> None:
+        growing_gwt = 0.3 * (_homings(bench) > 0)
+        bench.force.shows_gwt = 5.0 + 4.0 * abs(bench.stage.at_mm[2] - halted_mm[-1]) if halted_mm else growing_gwt
+
+    bench.force.at_read = read
+    with raises(TripError, "homing_disturbed"):
+        verbs.home(bench.engine)
+    assert bench.stage.at_mm[2] == pytest.approx(halted_mm[0], abs=1e-9), "each step is undone"
+
+
 def test_force_that_vanished_at_rest_is_reported_and_the_stage_homes_again() -> None:
     bench = _bench()
     moving: list[bool] = []

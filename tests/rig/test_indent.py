@@ -47,21 +47,6 @@ def _drops_below_clearance(bench: Any) -> list[float]:
     return [min(before, clearance_z) - after for before, after in below]
 
 
-@pytest.mark.parametrize(
-    ("k_gwt", "force_gwt"),
-    [(1.5, 0.5), (6.0, 2.33), (40.0, 50.0)],
-)
-def test_a_force_is_reached_within_tolerance(spring: Make, force_gwt: float, k_gwt: float) -> None:
-    bench = spring(k_gwt=k_gwt)
-    done = indent(bench.ready(), Target("force_gwt", force_gwt), hold_s=0.2)
-    assert done.holds[0].force_gwt == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
-    end = bench.of("hold_end")[0]
-    assert end["force_gwt"] == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
-    assert end["force_sd_gwt"] == 0.0
-    true_n = k_gwt * end["true_doi_mm"] ** 1.5
-    assert true_n == pytest.approx(force_gwt, abs=_tolerance(force_gwt) + 0.005)
-
-
 @pytest.mark.parametrize("doi_mm", [0.02, 0.33, 1.5])
 def test_a_depth_is_reached_to_a_step(spring: Make, doi_mm: float) -> None:
     bench = spring()
@@ -80,15 +65,18 @@ def test_four_increments_give_four_holds(spring: Make) -> None:
     assert [hold.doi_mm for hold in done.holds] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=0.0025)
     assert [e["commanded"] for e in bench.of("hold_start")] == [0.25, 0.5, 0.75, 1.0]
     assert [e["hold"] for e in bench.of("hold_end")] == [1, 2, 3, 4]
-    assert len(bench.of("touch")) == len(bench.of("indentation_end")) == 1
+    (end,) = bench.of("indentation_end")
+    samples_s = 0.05 * len(bench.of("sample"))
+    assert samples_s < end["duration_s"] < bench.clock.monotonic_s()
+    assert len(bench.of("touch")) == 1
     forces = [hold.force_gwt for hold in done.holds]
     assert forces == sorted(forces)
 
 
-@pytest.mark.parametrize("hold_s", [0.0, 0.05, 2.5])
-def test_a_hold_lasts_as_long_as_was_asked(spring: Make, hold_s: float) -> None:
+@pytest.mark.parametrize("hold_s", [0.0, 0.05, 2.5, 1.0])
+def test_a_hold_lasts_as_long_as_was_asked_or_a_second(spring: Make, hold_s: float) -> None:
     bench = spring()
-    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=hold_s)
+    indent(bench.ready(), Target("doi_mm", 0.5), **({} if hold_s == 1.0 else {"hold_s": hold_s}))
     end = bench.of("hold_end")[0]
     # At least as long, and not by more than one reading over the line.
     assert hold_s <= end["hold_s"] <= hold_s + 0.1
@@ -104,66 +92,6 @@ def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) 
     drops = _drops_below_clearance(bench)
     assert max(drops) == pytest.approx(0.05, abs=1e-4)
     assert sum(drops) > 4.0
-
-
-def test_lateral_moves_only_at_clearance(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    for x_mm in (0.5, -0.5):
-        verbs.move_to(engine, x_mm)
-        indent(engine, Target("force_gwt", 2.33), hold_s=0.1)
-    clearance_z = bench.settings.frame.apex_z_mm + bench.settings.habits.clearance_mm
-    z = 0.0
-    for move in bench.moves():
-        assert "Z" not in move or not {"X", "Y"} & set(move)
-        if {"X", "Y"} & set(move):
-            assert z >= clearance_z - 0.02
-        z = move.get("Z", z)
-
-
-def test_no_finger_in_place(spring: Make) -> None:
-    bench = spring(contact_mm=-50.0)
-    engine = bench.ready(0.25)
-    with raises(TripError, "no_contact", x_mm=0.25, lowest_mm=-0.5):
-        indent(engine, Target("force_gwt", 2.33))
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert min(e["height_mm"] for e in bench.of("sample")) >= -0.5 - 1e-9
-    assert engine.state is State.TRIPPED
-    assert bench.of("indentation_end") == []
-    assert [stream for stream, _ in bench.events[-2:]] == ["trip", "retract"]
-
-
-def test_a_dead_sensor_over_a_finger_trips_before_it_hurts(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring(contact_mm=-0.1)
-    engine = bench.ready()
-    monkeypatch.setattr(bench, "k_gwt", 0.0)
-    with raises(TripError, "no_contact", lowest_mm=pytest.approx(-0.6)):
-        indent(engine, Target("force_gwt", 2.33), expected_contact_mm=-0.1)
-    # 0.5 mm below where contact was expected, whatever the limits of depth are
-    assert min(e["height_mm"] for e in bench.of("sample")) == pytest.approx(-0.6, abs=1e-9)
-
-
-def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) -> None:
-    bench = spring(k_gwt=0.5, contact_mm=0.0)
-    engine = bench.ready()
-    with raises(LimitError, "too_deep", limit_mm=1.5):
-        indent(engine, Target("force_gwt", 2.33))
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert max(e["doi_mm"] or 0.0 for e in bench.of("sample")) <= 1.5 + 1e-6
-    assert engine.state is State.READY
-    assert bench.of("indentation_end") == []
-
-
-@pytest.mark.parametrize("contact_mm", [1.5, -2.5])
-def test_contact_is_found_wherever_the_finger_is(spring: Make, contact_mm: float) -> None:
-    bench = spring(contact_mm=contact_mm)
-    indent(bench.ready(), Target("doi_mm", 0.4), hold_s=0.1, expected_contact_mm=contact_mm + 0.2)
-    touch = bench.of("touch")[0]
-    assert touch["contact_height_mm"] == pytest.approx(contact_mm, abs=0.012)
-    assert touch["height_at_threshold_mm"] < touch["contact_height_mm"]
-    assert touch["doi_bias_mm"] == pytest.approx(
-        touch["contact_height_mm"] - touch["height_at_threshold_mm"], abs=2e-6
-    )
 
 
 @given(

@@ -176,9 +176,10 @@ class Person:
 
 
 def test_each_key_makes_one_step_of_the_chosen_size() -> None:
-    person = Person(*((2.0 * n, key) for n, key in enumerate("d5s+w1-a")), (99.0, "q"))
+    person = Person(*((2.0 * n, key) for n, key in enumerate("d5s+w1-a2s3s4s6s")), (99.0, "q"))
     person.run()
-    assert person.steps == [(Direction("x", 1), 0.1), (DOWN, 1.0), (UP, 5.0), (Direction("x", -1), 0.01)]
+    assert person.steps[:4] == [(Direction("x", 1), 0.1), (DOWN, 1.0), (UP, 5.0), (Direction("x", -1), 0.01)]
+    assert person.steps[4:] == [(DOWN, 0.05), (DOWN, 0.1), (DOWN, 0.5), (DOWN, 5.0)]
 
 
 def test_keys_home_zero_and_park() -> None:

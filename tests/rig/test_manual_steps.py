@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageTimeout
+from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageReset, StageTimeout
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero, NoReadingError
 from rig.errors import LimitError, NotReadyError
@@ -80,14 +80,15 @@ def test_from_above_clearance_a_finger_that_lies_higher_ends_the_step(at_hand: C
     assert bench.worst_gwt <= 6.0 * 0.3**1.5
 
 
+@pytest.mark.parametrize(("k_gwt", "soft_trip_n"), [(6.0, 0.05), (0.4, 0.01)])
 def test_the_next_step_goes_on_from_a_touch_and_never_passes_the_soft_trip(
-    at_hand: Callable[..., SessionBench],
+    at_hand: Callable[..., SessionBench], k_gwt: float, soft_trip_n: float
 ) -> None:
-    """0.05 N, 5.1 gwt; near the trip increments become smaller."""
-    bench = at_hand(soft_trip_n=0.05, above_mm=0.2, known=False)
+    """0.05 N, 5.1 gwt; near the trip increments become smaller. An increment into a soft finger adds 0.04 gwt."""
+    bench = at_hand(k_gwt=k_gwt, soft_trip_n=soft_trip_n, above_mm=0.2, known=False)
     ended = [code_of_end(bench.step("z", -1.2)) for _ in range(4)]
-    assert ended == ["touched", *["next_step_past_soft_trip"] * 3]
-    assert 4.4 < bench.worst_gwt < 4.75
+    assert (ended[0], ended[2:]) == ("touched", ["next_step_past_soft_trip"] * 2)
+    assert 0.85 < bench.worst_gwt * GWT_N / soft_trip_n < 0.94
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
@@ -122,6 +123,20 @@ def test_a_person_may_take_a_minute_between_two_steps(at_hand: Callable[..., Ses
     assert code_of_end(bench.step("z", -1.0)) == "touched"
     bench.clock.wait_s(60.0)
     assert code_of_end(bench.step("z", -0.05)) is None
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
+def test_a_finger_that_was_touched_for_too_long_is_only_left(
+    at_hand: Callable[..., SessionBench], known: bool
+) -> None:
+    bench = at_hand(above_mm=0.2, zero=ZERO, max_contact_s=30.0, known=known)
+    assert code_of_end(bench.step("z", -1.0)) == "touched"
+    bench.clock.wait_s(31.0)
+    for axis, by_mm in (("z", -0.05), ("x", 1.0)):
+        with raises(LimitError, "contact_time", limit_s=30.0):
+            bench.step(axis, by_mm)
+    assert code_of_end(bench.step("z", 3.0)) is None
+    assert code_of_end(bench.step("z", -0.2)) is None, "each contact counts by itself"
 
 
 @pytest.mark.parametrize(("above_mm", "lifted", "clear"), [(3.0, True, True), (3.0, False, True), (1.0, True, False)])
@@ -373,13 +388,19 @@ def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., Se
     assert code_of_end(bench.step("z", -1.0)) == "touched"
     assert bench.height_mm < 0.0
     assert bench.worst_gwt <= one_increment_gwt(bench, TOUCH_GWT)
+    freeze(bench, 3.0)
+    assert code_of_end(bench.step("z", -0.5)) == "lost_finger", "nor a sensor that shows the air again"
 
 
-def test_position_and_force_are_shown_while_it_moves(at_hand: Callable[..., SessionBench]) -> None:
+def test_position_and_force_are_shown_while_it_moves_and_at_a_look(at_hand: Callable[..., SessionBench]) -> None:
     bench = at_hand(above_mm=0.3)
+    assert bench.session.look().z_mm == pytest.approx(APEX_MM + 0.3, abs=0.003)
     bench.step("z", -0.6)
     assert len({round(at.z_mm, 3) for at, _ in bench.shown if at is not None}) >= 5
     assert bench.session.force_gwt == pytest.approx(bench.force_gwt, abs=0.011)
+    silence(bench)
+    bench.session.look()
+    assert bench.session.force_gwt is None
 
 
 @pytest.mark.parametrize(("busy_s", "moves"), [(0.9, True), (1.4, False)])
@@ -426,7 +447,10 @@ def test_a_stage_that_leaves_its_way_is_stopped(
 
     monkeypatch.setattr(stage, "_status", strayed)
     assert code_of_end(bench.step(axis, 5.0, 1.0)) == "off_its_way"
-    assert bench.session.tripped
+    with suppress(StageReset):  # A stopped board reports its reset first.
+        bench.session.look()
+    with raises(NotReadyError, "tripped"):  # It has lost its position, too.
+        bench.step("z", 0.1)
 
 
 def test_a_stage_that_lost_its_position_steps_as_at_an_unknown_height(at_hand: Callable[..., SessionBench]) -> None:
@@ -487,10 +511,25 @@ def test_a_possible_touch_is_on_record_while_a_step_moves(at_hand: Callable[...,
     assert kept[-1] is False
 
 
-def test_a_zero_in_a_touch_is_refused_by_its_lift(at_hand: Callable[..., SessionBench]) -> None:
-    """No zero is on record, and contact is recorded as lifted: only the lift shows it."""
-    bench = at_hand(above_mm=-0.3, lifted=True)
+@pytest.mark.parametrize("above_mm", [-0.3, -0.06])
+def test_a_zero_in_a_touch_is_refused_by_its_lift(at_hand: Callable[..., SessionBench], above_mm: float) -> None:
+    """No zero is on record, and contact is recorded as lifted: only the lift shows it; of 0.09 gwt, too."""
+    bench = at_hand(above_mm=above_mm, lifted=True)
     with raises(LimitError, "zero_in_contact"):
+        bench.session.zero()
+    assert (bench.memory.read().zero, bench.session.sensing.zero) == (None, None)
+
+
+def test_a_zero_without_a_reading_after_its_lift_is_none(at_hand: Callable[..., SessionBench]) -> None:
+    """Twelve for the zero, and one before the lift."""
+    bench = at_hand(above_mm=3.0)
+    sensor, read, reads = bench.bench.force, bench.bench.force.read, itertools.count()
+
+    def falls_silent() -> ForceReading:
+        return read() if next(reads) < 13 else ForceReading(float("nan"), True, bench.clock.monotonic_s())
+
+    sensor.read = falls_silent  # type: ignore[method-assign]
+    with raises(LimitError, "no_reading"):
         bench.session.zero()
     assert (bench.memory.read().zero, bench.session.sensing.zero) == (None, None)
 
@@ -511,16 +550,21 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
             session.step(Direction("z", -1), 1.0, 2.0)
         session.step(Direction("x", 1), 0.5, 2.0)
         assert session.step(Direction("z", 1), 4.0, 2.0).known.kind == "raised"
-    assert bench.x_mm == pytest.approx(0.5, abs=0.003)
+        recorded = bench.memory.read().contact
+        assert recorded is not None
+        assert recorded.kind == "raised"
+        assert bench.x_mm == pytest.approx(0.5, abs=0.003)
+        assert session.home().kind == "raised"
     assert bench.memory.read().left_at_mm is not None
 
 
 @pytest.mark.parametrize("kind", STAGES)
+@pytest.mark.parametrize("above_mm", [CLEARANCE_MM, CLEARANCE_MM + 0.06])
 def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press(
-    kind: str, monkeypatch: pytest.MonkeyPatch
+    kind: str, above_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that dies leaves one of them; a refused step leaves the position known."""
-    bench = SessionBench(kind, above_mm=CLEARANCE_MM)
+    bench = SessionBench(kind, above_mm=above_mm)
     bench.begun.__exit__(None, None, None)
     stage, made = bench.bench.stage, list[tuple[float, float]]()
     stage.connect()
@@ -534,7 +578,7 @@ def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press
     monkeypatch.setattr(stage, "jog", heard)
     with session.begun():
         session.step(Direction("z", -1), 0.5, 10.0)
-    assert min(by_mm for by_mm, _ in made) >= -INCREMENT_MM - 1e-9
+    assert min(by_mm for by_mm, _ in made) >= -max(INCREMENT_MM, above_mm - CLEARANCE_MM) - 0.003
     assert max(speed_mm_s for _, speed_mm_s in made) <= bench.config.limits.max_press_speed_mm_s
     with raises(LimitError, "too_deep"), session.begun():
         session.step(Direction("z", -1), 5.0, 2.0)

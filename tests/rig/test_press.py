@@ -2,17 +2,13 @@
 
 import contextlib
 import itertools
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
-from rig.engine import LimitError, Target, TripError, indent
+from rig.engine import LimitError, Target, TripError
 from rig.engine.press import Press
 from tests.error_codes import has_code, raises
 from tests.rig.plain_bench import PlainBench, pressing, shows
-
-Make = Callable[..., Any]
 
 NOISE_OF_16 = 0.05  # gwt: 16 readings know 2 gwt to a quarter of its tolerance, 0.0125
 
@@ -346,28 +342,3 @@ def test_it_is_watched_for_in_a_hold_too() -> None:
     with raises(TripError, "lost_finger", force_gwt=0.0):
         press.hold_at(Target("doi_mm", TOUCHED_MM + 0.1), hold=1, hold_s=0.5)
     assert bench.of("hold_start")
-
-
-# --- near a trip, on a spring ---
-
-
-def _samples(bench: Any, phase: str) -> list[dict[str, Any]]:
-    return [event for event in bench.of("sample") if event["phase"] == phase]
-
-
-def _heights(bench: Any) -> list[float]:
-    """From the last reading of the touch on, mm."""
-    return [event["height_mm"] for event in _samples(bench, "touch")[-1:] + _samples(bench, "press")]
-
-
-def test_a_press_goes_nine_tenths_of_the_way_to_a_trip_at_a_time_and_never_past_it(spring: Make) -> None:
-    """6 gwt at 1 mm, a trip of 2.09: each move leaves a tenth of the way, until a tenth is less than a step."""
-    bench = spring(soft_trip_n=0.0205)
-    with raises(LimitError, "next_move_past_soft_trip", x_mm=0.0, limit_gwt=0.0205 / 9.80665e-3):
-        indent(bench.ready(), Target("doi_mm", 1.0))
-    trip_mm = -0.3 - (0.0205 / 9.80665e-3 / 6.0) ** (1 / 1.5)
-    left = [height - trip_mm for height in _heights(bench)]
-    assert left[-1] == pytest.approx(0.0, abs=0.0025)
-    near = next(later / earlier for earlier, later in itertools.pairwise(left) if earlier < 0.06)
-    assert near == pytest.approx(0.1, abs=0.03)
-    assert max(e["force_gwt"] for e in bench.of("sample")) <= 0.0205 / 9.80665e-3

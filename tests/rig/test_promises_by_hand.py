@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.devices.base import ForceReading
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.manual.orders import HOME_FIRST
@@ -19,7 +18,6 @@ from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person
 
 Make = Callable[..., HandBench]
 ZERO = ForceZero(0.0, 0.0)
-INCREMENT_MM, TOUCH_GWT = 0.05, 0.05
 
 PROMISES: dict[str, Callable[[Make], None]] = {}
 
@@ -29,105 +27,12 @@ def promise(walk: Callable[[Make], None]) -> Callable[[Make], None]:
     return walk
 
 
-def nan(bench: HandBench) -> None:
-    """From here on the sensor has no number to say."""
-    bench.bench.force.read = lambda: ForceReading(math.nan, True, bench.clock.monotonic_s())  # type: ignore[method-assign]
-
-
 def ended(bench: HandBench, person: Person) -> str:
     """How the last thing that a person did ended."""
     return str(bench.run(person)["ended_by"])
 
 
 # --- the force ---
-
-
-@promise
-def a_sensor_that_does_not_answer_moves_nothing(make: Make) -> None:
-    for zero, axes in ((None, "z"), (ZERO, "xz")):
-        bench = make(zero=zero)
-        nan(bench)
-        before = (bench.x_mm, bench.height_mm, len(bench.moves_sent()))
-
-        def person(bench: HandBench = bench, axes: str = axes) -> Person:
-            for axis in axes:
-                for by_mm in (1.0, -1.0):
-                    yield from bench.step(axis, by_mm)
-                    assert "not a number; nothing was moved" in bench("status")["ended_by"]
-            if axes == "z":  # With a zero, homing leaves the finger although the sensor is silent.
-                yield from bench.do("home")
-                assert "not a number" in bench("status")["ended_by"]
-            assert bench("status")["next"] == "nothing moves while the force sensor does not answer"
-
-        bench.run(person())
-        assert (bench.x_mm, bench.height_mm, len(bench.moves_sent())) == before
-
-
-@promise
-def sideways_nothing_moves_without_a_zero(make: Make) -> None:
-    """Without one a touch of before cannot be measured; up and down need none."""
-    bench = make()
-    from_mm = bench.x_mm
-
-    def person() -> Person:
-        yield from bench.step("x", 1.0)
-        assert "has no zero, so a touch cannot be measured; nothing was moved" in bench("status")["ended_by"]
-        assert bench.x_mm == from_mm
-        yield from bench.do("zero")
-        yield from bench.step("x", 1.0)
-
-    assert ended(bench, person()) == "None"
-    assert bench.x_mm > from_mm
-
-
-@promise
-def down_it_ends_at_the_first_touch_and_the_next_step_goes_on_to_nine_tenths_of_the_trip(make: Make) -> None:
-    bench = make(above_mm=0.2, soft_trip_n=0.05)
-
-    def person() -> Person:
-        yield from bench.step("z", -1.0)
-        assert bench("status")["ended_by"].startswith("touched")
-        assert bench.worst_gwt <= 6.0 * ((TOUCH_GWT / 6.0) ** (2 / 3) + INCREMENT_MM + 0.003) ** 1.5
-        yield from bench.step("z", -0.8)
-        for _ in range(3):
-            yield from bench.step("z", -0.5)
-            assert "the next step down would pass the soft trip" in bench("status")["ended_by"]
-
-    bench.run(person())
-    assert 3.0 < bench.worst_gwt < 0.05 / GWT_N
-
-
-@promise
-def above_a_trip_only_up_is_free(make: Make) -> None:
-    bench = make(above_mm=-0.8, soft_trip_n=0.02, zero=ZERO)
-
-    def person() -> Person:
-        for axis, by_mm in (("x", 1.0), ("z", -0.1)):
-            yield from bench.step(axis, by_mm)
-            assert "exceeds the soft trip of 2.04 gwt; nothing was moved" in bench("status")["ended_by"]
-        yield from bench.step("z", 5.0)
-
-    assert ended(bench, person()) == "None"
-    assert bench.height_mm > 0.8
-
-
-@promise
-def a_trip_lifts_and_only_homing_leaves_it(make: Make) -> None:
-    bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1, zero=ZERO)
-
-    def person() -> Person:
-        yield from bench.step("z", -1.0)
-        assert "exceeds the soft trip" in bench("status")["ended_by"]
-        assert bench("status")["next"] == HOME_FIRST
-        assert bench.height_mm == pytest.approx(2.0, abs=0.006)
-        for axis, by_mm in (("x", 1.0), ("z", 1.0), ("z", -1.0)):
-            yield from bench.step(axis, by_mm)
-            assert "home first" in bench("status")["ended_by"]
-        assert bench.height_mm == pytest.approx(2.0, abs=0.006)
-        yield from bench.do("home")
-        yield from bench.step("z", -1.0)
-
-    assert ended(bench, person()) == "None"
 
 
 @promise

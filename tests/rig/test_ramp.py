@@ -14,7 +14,7 @@ import rig.protocol.check as checks
 from rig.devices import drive_link
 from rig.devices.base import StageError
 from rig.devices.registry import StageKind
-from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError, indent, verbs
+from rig.engine import LimitError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.bench import Pause
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
@@ -75,17 +75,6 @@ def test_the_fastest_ramp_trips_at_its_margin(force_gwt: float, doi_mm: float) -
     at(0.999 * fastest_mm_s).refuse_too_fast(LimitError, 0.0)
     with raises(LimitError, "ramp_too_fast", x_mm=0.5, fastest_mm_s=fastest_mm_s):
         at(1.001 * fastest_mm_s).refuse_too_fast(LimitError, 0.5)
-
-
-@pytest.mark.parametrize("stops_in", [Stopping.of, Stopping.in_one_move])
-def test_the_speed_that_stops_within_a_distance_is_none_without_a_distance(
-    stops_in: Callable[[RigSettings, float], Stopping],
-) -> None:
-    settings = RigSettings()
-    for distance_mm in (0.001, 0.04):
-        fastest_mm_s = stops_in(settings, 1.0).fastest_mm_s(distance_mm)
-        assert stops_in(settings, fastest_mm_s).distance_mm == pytest.approx(distance_mm)
-    assert [stops_in(settings, 1.0).fastest_mm_s(mm) for mm in (0.0, -0.01, -100.0)] == [0.0] * 3
 
 
 # --- what a ramp does ---
@@ -182,13 +171,6 @@ def test_a_late_sensor_is_no_frozen_one(tmp_path: Path) -> None:
     done = ramp(bench.engine, 0.86, 0.3, hold_s=0.1, expected_contact_mm=PREDICTED.contact_mm)
     bench.journal.close()
     assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
-
-
-@pytest.mark.parametrize("reached_mm", [-0.0005, 0.0, 0.0005])
-def test_a_press_to_a_tiny_depth_that_ended_above_contact_has_a_bound(spring: Make, reached_mm: float) -> None:
-    engine = spring(soft_trip_n=0.1).ready()
-    bound = indentations._bound(engine, 0.0005, 0.02, (reached_mm, 0.01))
-    assert bound.force_gwt == engine.sensing.touch_gwt
 
 
 # --- what is refused ---
@@ -352,21 +334,6 @@ def test_a_stage_that_goes_on_unread_ends_it(faulty: FaultyBench) -> None:
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
 
 
-@pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "standa"))
-def test_a_lost_journal_ends_it_and_lifts(faulty: FaultyBench) -> None:
-    """At rest first: no lift is asked of a stage that moves."""
-
-    def away() -> None:
-        faulty.journal_path.rename(faulty.journal_path.with_suffix(".old"))
-
-    _in_the_ramp(faulty, away)
-    with pytest.raises(RecordError):
-        _ramp(faulty)
-    assert faulty.stage.homed
-    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
-    assert faulty.worst_n / GWT_N < 10.0 * 0.86**1.5
-
-
 def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
     stopped_mm: list[float] = []
     for link in (modbus, drive_link):
@@ -382,17 +349,6 @@ def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: py
         _ramp(faulty)
     assert not faulty.stage.homed
     assert faulty.height_mm == pytest.approx(stopped_mm[0], abs=0.02)
-
-
-@pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "zaber"))
-def test_a_stop_input_ends_it(faulty: FaultyBench) -> None:
-    pressed: list[bool] = []
-    button = TripError("a button", "stop_input")
-    faulty.engine.stop_inputs = lambda engine, *, at_rest: button if pressed else None
-    _in_the_ramp(faulty, lambda: pressed.append(True))
-    with raises(TripError, "stop_input"):
-        _ramp(faulty)
-    assert faulty.worst_n / GWT_N < 5.0
 
 
 def test_a_stage_that_reports_nothing_is_stopped_by_the_heartbeat(spring: Make) -> None:

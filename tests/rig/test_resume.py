@@ -14,7 +14,6 @@ import pytest
 
 from rig.data import FolderBusyError, RunFolder, read_run
 from rig.data.journal import read_journal
-from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
@@ -118,76 +117,6 @@ CUT: dict[str, tuple[Callable[[dict[str, Any]], bool], int]] = {
 """The last document on disk, and how many indentations are begun anew."""
 
 
-TWO_INDENTORS = """\
-from rig.protocol import Rig
-
-METADATA = {"title": "Two indentors, the skin settled under the first"}
-
-
-def run(rig: Rig) -> None:
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.reference(x_mm=0.2, doi_mm=0.2, hold_s=0.1)
-    rig.move_to(x_mm=0.0)
-    rig.precondition(presses=1, doi_mm=0.2, hold_s=0.1)
-    rig.indent(doi_mm=0.3, increments=1, hold_s=0.1)
-    rig.mount("cylinder:9")
-    rig.move_to(x_mm=0.5)
-    rig.indent(doi_mm=0.3, increments=1, hold_s=0.1)
-"""
-
-
-@pytest.mark.parametrize("last", [_at("indentation_end", index=0), _at("mount", indentor="cylinder:9")])
-def test_a_run_goes_on_with_the_second_indentor_and_presses_no_more_with_the_first(
-    last: Callable[[dict[str, Any]], bool], finger: Fingertip, tmp_path: Path
-) -> None:
-    (tmp_path / "two.py").write_text(TWO_INDENTORS, encoding="utf-8")
-    script = load_script(str(tmp_path / "two.py"), [])
-    folder = dry_run(_session(script, Config(), finger, NewRun(tmp_path / "runs"))).folder.path
-    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
-    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
-    (folder / "events.jsonl").write_bytes(b"".join(lines[: end + 1]))
-    done = _resume(folder, finger)
-    run = read_run(folder)
-    assert (done.problem, done.complete, run.missing, run.repeated) == (None, True, 0, 0)
-    assert [press[1] for press in _presses(folder)] == ["bar:3.0", "cylinder:9"]
-    assert [len(run.stream(f"{kind}_indentation_start")) for kind in ("reference", "precondition")] == [1, 1]
-
-
-ZEROED_AGAIN = """\
-from rig.protocol import Rig
-
-
-def run(rig: Rig) -> None:
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.precondition(presses=1, doi_mm=0.2, hold_s=0.1)
-    rig.indent(doi_mm=0.2, hold_s=0.1)
-    rig.zero()
-    rig.indent(doi_mm=0.3, hold_s=0.1)
-"""
-
-
-def test_a_resumed_run_zeroes_before_it_settles_the_skin_and_again_before_the_press(
-    finger: Fingertip, tmp_path: Path
-) -> None:
-    (tmp_path / "zeroed.py").write_text(ZEROED_AGAIN, encoding="utf-8")
-    script = load_script(str(tmp_path / "zeroed.py"), [])
-    folder = dry_run(_session(script, Config(), finger, NewRun(tmp_path / "runs"))).folder.path
-    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
-    last = _at("indentation_start", index=1)
-    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
-    (folder / "events.jsonl").write_bytes(b"".join(lines[:end]))
-    zeros = len(read_run(folder).stream("zero"))
-    done = _resume(folder, finger)
-    run = read_run(folder)
-    assert (done.problem, done.complete, run.missing, run.repeated) == (None, True, 0, 0)
-    assert len(run.stream("zero")) == zeros + 2
-
-
 @pytest.mark.quick(rows=lambda after: after not in ("start", "move", "between"))
 @pytest.mark.parametrize("after", CUT)
 def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:
@@ -234,15 +163,6 @@ def test_a_complete_run_is_left_alone(finger: Fingertip, whole: Path, tmp_path: 
     assert done.complete
     assert (folder / "events.jsonl").read_bytes() == before
     assert (folder / "data.h5").is_file()
-
-
-@pytest.mark.parametrize("name", ["protocol.py", "config.toml"])
-def test_a_run_whose_copies_were_changed_is_refused(cut: Make, name: str) -> None:
-    folder = cut(_at("home"))
-    with (folder / name).open("a", encoding="utf-8") as file:
-        file.write("# one word more\n")
-    with raises(BadInputError, "changed_since", path=str(folder), files=name):
-        read_stopped(folder)
 
 
 def test_two_processes_cannot_write_to_one_run(cut: Make) -> None:

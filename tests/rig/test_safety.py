@@ -59,16 +59,6 @@ def test_force_over_area_trips(spring: Make) -> None:
         indent(engine, FORCE, contact_area_mm2=0.1)
 
 
-def test_a_reading_from_before_the_question_is_stale(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring()
-    engine = bench.ready()
-    last = [engine.sensing.sensor.read()]
-    _once(bench, "press", lambda: monkeypatch.setattr(engine.sensing.sensor, "read", lambda: last[0]))
-    with raises(TripError, "stale_reading"):
-        indent(engine, FORCE)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
 # --- the heartbeat ---
 
 

@@ -1,6 +1,7 @@
 """What a sensor's readings are taken for: waits, zero, noise, and what is felt while something moves."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -134,16 +135,23 @@ def test_forces_count_from_the_mean_of_the_readings_in_the_air() -> None:
 
 @pytest.mark.parametrize(
     ("noise_gwt", "least_gwt", "touch_gwt"),
-    [(None, 0.01, 0.05), (0.0, 0.01, 0.05), (0.001, 0.01, 0.05), (0.005, 0.03, 0.05), (0.02, 0.12, 0.12)],
+    [
+        (None, 0.01, 0.05),
+        (0.0, 0.01, 0.05),
+        (0.001, 0.01, 0.05),
+        (0.005, 0.03, 0.05),
+        (0.02, 0.12, 0.12),
+        (0.5, 0.6, 0.6),
+    ],
 )
 def test_contact_is_six_standard_deviations_or_a_step_or_what_is_configured(
     noise_gwt: float | None, least_gwt: float, touch_gwt: float
 ) -> None:
-    """A step is 0.01 gwt, configured are 0.05."""
+    """A step is 0.01 gwt, configured are 0.05. Noise counts up to ten steps: a finger may have moved."""
     _, sensing = _sensing()
     if noise_gwt is not None:
         sensing.take_zero([1.0 - noise_gwt, 1.0 + noise_gwt])
-    assert sensing.noise_gwt == pytest.approx(noise_gwt or 0.0)
+    assert sensing.noise_gwt == pytest.approx(min(noise_gwt or 0.0, 0.1))
     assert sensing.resolution_gwt == 0.01
     assert (sensing.least_gwt, sensing.touch_gwt) == pytest.approx((least_gwt, touch_gwt))
 
@@ -178,6 +186,25 @@ def test_with_a_zero_nothing_is_read_before_the_motion() -> None:
     begun = sensing.begin_motion(away=False)
     assert not sensor.read_s
     assert _in_motion_gwt(sensing, begun) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("before_gwt", "force_gwt", "goes_on"),
+    [
+        (8.0, 0.0, True), (8.0, 8.04, True), (8.0, 8.06, False), (8.0, -0.04, True), (8.0, -0.06, False),
+        (-8.0, 0.0, True), (-8.0, -8.04, True), (-8.0, -8.06, False), (-8.0, 0.04, True), (-8.0, 0.06, False),
+    ],
+)  # fmt: skip
+def test_away_from_a_finger_a_force_may_fall_and_not_grow_either_way(
+    before_gwt: float, force_gwt: float, goes_on: bool
+) -> None:
+    """A touch is 0.05 gwt. Towards it nothing unloads; where the stage shakes by 0.1 gwt, so much more may be."""
+    _, sensing = _sensing()
+    sensing.take_zero([0.0])
+    begun = MotionForce(away=True, before_gwt=before_gwt)
+    assert sensing.unloads(begun, force_gwt) is goes_on
+    assert not sensing.unloads(replace(begun, away=False), force_gwt)
+    assert sensing.unloads(replace(begun, shakes_gwt=0.1), force_gwt)
 
 
 BEYOND = [ForceOverload("overloaded"), ForceUnderload("underloaded"), ForceBusy("busy")]

@@ -4,7 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 
@@ -15,10 +15,9 @@ from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.check import PressPlace, ScriptState
-from rig.protocol.handlers import ResumeHandler
 from rig.protocol.script import Script, load_script
-from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Rest, Retract, Step, Zero
-from rig.records import Prediction, PressId
+from rig.protocol.steps import Mount, Step
+from rig.records import Prediction
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
@@ -178,46 +177,6 @@ def test_a_run_whose_journal_has_no_soft_trip_is_planned_whole(
     plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
     assert len(plan.indentations) == 9
     assert plan.soft_trip_n == pytest.approx(whole.start["soft_trip_n"])
-
-
-class _Two:
-    """A journal with one indentation done and one note written."""
-
-    done: ClassVar[dict[int, list[dict[str, Any]]]] = {
-        0: [{"hold": 1, "x_mm": 0.0, "doi_mm": 0.3, "force_gwt": 1.0, "force_sd_gwt": 0.0}]
-    }
-
-    def stream(self, name: str) -> list[dict[str, Any]]:
-        held = {"index": 0, "hold": 1, "target": "doi_mm", "commanded": 0.3}
-        return {"hold_start": [held], "note": [{"text": "a"}]}.get(name, [])
-
-
-def test_what_a_missing_press_is_owed() -> None:
-    """The last of each kind in the script's order; no rest for a press that is done, nothing written twice."""
-    handed: list[Step[Any, Any]] = []
-
-    class Noting:
-        def handle(self, step: Step[Any, Any], place: PressPlace) -> Any:
-            handed.append(step)
-
-    taken_up = ResumeHandler(_Two(), Noting(), 1.0)
-    at = PressPlace("bar:3", 0.0, 0.0, ())
-    indents = [PressPlace("bar:3", 0.0, 0.0, (PressId(n),)) for n in range(3)]
-    for step in (Mount(indentor="a"), Home(), Zero(), Note(text="a"), Rest(seconds=1), MoveTo(x_mm=1.0)):
-        taken_up.handle(step, at)
-    assert taken_up.handle(Indent(doi_mm=0.3), indents[0]).holds[0].force_gwt == 1.0
-    assert handed == []
-    for step in (MoveTo(x_mm=2.0), Zero(), Retract(), Note(text="b")):
-        taken_up.handle(step, at)
-    assert handed == [Note(text="b")]
-    taken_up.handle(Indent(doi_mm=0.4), indents[1])
-    taken_up.handle(Rest(seconds=2), at)
-    taken_up.handle(Note(text="c"), at)
-    taken_up.handle(Indent(doi_mm=0.5), indents[2])
-    assert handed == [
-        *(Note(text="b"), Mount(indentor="a"), MoveTo(x_mm=2.0), Zero(), Indent(doi_mm=0.4)),
-        *(Rest(seconds=2), Note(text="c"), Indent(doi_mm=0.5)),
-    ]
 
 
 # --- marks ---

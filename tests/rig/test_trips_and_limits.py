@@ -11,8 +11,16 @@ from typing import Any
 import pytest
 
 from rig.engine import LimitError, TripError
-from rig.engine.limits import ContactTime, Trips, refuse_height, trip_height_mm
-from rig.settings import LimitSettings, RigSettings
+from rig.engine.limits import (
+    ContactTime,
+    FingerStiffness,
+    SidewaysLimit,
+    Trips,
+    late_reading_s,
+    refuse_height,
+    trip_height_mm,
+)
+from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
@@ -67,6 +75,23 @@ def _passes(
     found = passed(sign * above)
     assert found is not None
     has_code(found, code, force_gwt=sign * above, limit_gwt=limit_gwt)
+
+
+@pytest.mark.parametrize("gwt_at_1_mm", [6.0, 40.0, 400.0, 4000.0])
+@pytest.mark.parametrize("trip_gwt", [2.0, 16.0, 204.0])
+def test_a_move_sideways_is_as_fast_as_half_the_trip_allows(trip_gwt: float, gwt_at_1_mm: float) -> None:
+    """Never faster than it travels, nor slower than any stage goes."""
+    limit = SidewaysLimit.of(SETTINGS, trip_gwt, 0.05, FingerStiffness(gwt_at_1_mm))
+    assert SLOWEST_MM_S <= limit.speed_mm_s <= SETTINGS.habits.travel_speed_mm_s
+    if limit.speed_mm_s == SETTINGS.habits.travel_speed_mm_s:
+        assert limit.force_gwt < trip_gwt / 2
+    elif limit.speed_mm_s > SLOWEST_MM_S:
+        assert limit.force_gwt == pytest.approx(trip_gwt / 2)
+    assert limit.force_gwt == pytest.approx(gwt_at_1_mm * limit.in_contact_mm**1.5)
+
+
+def test_a_reading_of_a_move_sideways_is_late_after_two_samples_and_a_look() -> None:
+    assert late_reading_s(SETTINGS) == pytest.approx(2 * 0.05 + 0.1)
 
 
 # --- the time of contact ---

@@ -1,7 +1,7 @@
 """A falling force never stops a motion away from the finger: every such motion, on both stages, from three forces."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -158,33 +158,3 @@ def test_a_run_that_finds_a_force_leaves_it_before_anything_else_and_says_so(tmp
     text = bench.journal_path.read_text(encoding="utf-8")
     assert '"alarm"' in text
     assert "28.9" in text
-
-
-def test_a_finger_that_homing_did_not_free_is_not_taken_for_free(tmp_path: Path) -> None:
-    """On record as touched, and the force is still there at the switches: nothing goes sideways."""
-    bench = Pressed(tmp_path, "grbl").bench(8.0, zeroed=True)
-    bench.stalled_mm = None
-    zero, pressed_n = bench.engine.sensing.zero, bench.true_n(bench.clock.monotonic_s())
-    assert zero is not None
-    bench.felt_n = lambda t_s: pressed_n
-    engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
-    known = LastKnown(zero_offset_n=zero.offset_n, contact=KnownContact("touching", 8.0))
-    with raises(TripError, "not_lifted"):
-        verbs.leave_finger(engine, known, resumed=False)
-    assert engine.known_contact.kind == "disagreement"
-    bench.journal.close()
-
-
-def test_another_indentor_than_at_the_last_zero_is_no_touch(tmp_path: Path) -> None:
-    """Nothing is on record as touched: what homing does not change is told, and the run goes on to its own zero."""
-    bench = Pressed(tmp_path, "grbl").bench(0.5, zeroed=True)
-    verbs.retract(bench.engine)
-    zero = bench.engine.sensing.zero
-    assert zero is not None
-    bench.extra_n = lambda t_s: 20 * GWT_N
-    engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
-    verbs.leave_finger(engine, LastKnown(zero_offset_n=zero.offset_n, contact=KnownContact("lifted")), resumed=False)
-    verbs.zero(engine)
-    assert engine.known_contact.kind == "lifted"
-    bench.journal.close()
-    assert replace(zero, provisional=True).provisional

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import VirtualBench, bench_around
-from rig.data.journal import NoJournal
 from rig.devices.base import LOOK_S, ForceReading, next_look_s
 from rig.engine import LimitError, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
@@ -224,17 +223,6 @@ def test_before_the_first_zero_a_force_counts_from_what_was_there_before_the_mot
         verbs.move_to(bench.engine, 4.0)
 
 
-def test_a_sensor_that_does_not_answer_lets_nothing_move() -> None:
-    bench = Watched(GRBL)
-    verbs.home(bench.engine)
-    at = bench.pose
-
-    bench.engine.sensing.sensor._reader.read_line = lambda deadline_s: None  # type: ignore[attr-defined]
-    with pytest.raises(TripError, match="no force reading"):
-        verbs.move_to(bench.engine, 4.0)
-    assert bench.pose.x_mm == pytest.approx(at.x_mm, abs=1e-9)
-
-
 # --- how often ---
 
 
@@ -281,89 +269,3 @@ def test_below_clearance_nothing_goes_down_faster_than_the_limit() -> None:
     assert bench.pose == at
     engine.go_to_height(1.96, 1.0)
     engine.go_to_height(2.0, 5.0)  # up it may
-
-
-def test_a_sensor_beyond_its_range_is_left_by_homing_and_by_nothing_else() -> None:
-    """Pressed in before the program began: homing lifts first; no sideways motion goes unfelt."""
-    bench = Watched(GRBL)
-    bench.hand.force_gwt = lambda t_s: 500.0
-    verbs.home(bench.engine)
-    with pytest.raises(TripError, match="overloaded"):
-        verbs.move_to(bench.engine, 4.0)
-
-
-def test_a_lift_after_a_trip_waits_for_no_sensor(watched: Callable[..., Watched]) -> None:
-    """On the way up from a trip nothing is asked of a sensor that may be what is broken."""
-    bench = watched()
-    engine = bench.ready()
-    engine.go_to_height(1.96, 0.5)
-    asked = len(bench.hand.felt_s)
-    with pytest.raises(TripError):
-        engine.trip(TripError("for the test"))
-    assert len(bench.hand.felt_s) - asked <= 9, "three readings, at rest"
-    assert bench.pose.above_apex_mm > 1.99
-
-
-def test_a_halt_keeps_the_position_and_drops_the_rest_of_the_move() -> None:
-    """v²/2a and what is already on its way; then the stage is at rest, trusted, and goes where it is told."""
-    for name, bench in ((name, Watched(tables)) for name, tables in STAGES.items()):
-        stage = bench.bench.stage
-        stage.connect()
-        stage.home()
-        looks = stage.moving(x_mm=-20.0, speed_mm_s=5.0)
-        for _ in range(5):
-            next(looks)
-        looks.close()  # type: ignore[attr-defined]
-        was_mm = stage.status().x_mm
-        stage.halt()
-        at = stage.status()
-        assert stage.homed, name
-        assert at.state == "Idle", name
-        assert 0 < was_mm - at.x_mm < 1.5, name
-        bench.clock.wait_s(5.0)
-        assert stage.status() == at, name
-        stage.move_to(x_mm=-10.0, speed_mm_s=5.0)
-        assert stage.status().x_mm == pytest.approx(-10.0, abs=0.003), name
-
-
-def test_no_plan_moves_the_hard_trip() -> None:
-    bench = Watched(GRBL, hard_trip_n=1.0, soft_trip_n=1.0)
-    assert Engine(bench.engine.settings, bench.bench, NoJournal(), 4.0).trips.hard_gwt == pytest.approx(
-        101.97, abs=0.01
-    )
-
-
-@pytest.mark.parametrize("force_gwt", [15.0, -15.0])
-def test_a_pull_trips_like_a_push(watched: Callable[..., Watched], force_gwt: float) -> None:
-    bench = watched()
-    engine = bench.ready()
-    engine.trips.soft_gwt = 14.0
-    bench.hand.force_gwt = lambda t_s: force_gwt
-    with pytest.raises(TripError, match="exceeds the soft trip"):
-        engine.read_force_gwt(verbs.NO_PRESS, "press")
-
-
-@pytest.mark.parametrize(("on_trip", "from_mm", "to_mm"), [("park", 1.96, 4.0), ("retract", 3.0, 4.0)])
-def test_a_trip_lifts_no_higher_than_the_stage_travels(on_trip: str, from_mm: float, to_mm: float) -> None:
-    """Apex 4 mm below the top: neither the park height of 10 mm nor clearance over clearance lies within."""
-    bench = Watched({**GRBL, "frame": {"apex_z_mm": -4.0}}, on_trip=on_trip)
-    engine = bench.ready()
-    engine.go_to_height(from_mm, 0.5)
-    with pytest.raises(TripError, match=r"^for the test$"):
-        engine.trip(TripError("for the test"))
-    assert bench.pose.above_apex_mm == pytest.approx(to_mm, abs=0.003)
-
-
-def test_no_height_beyond_the_travel_is_asked_of_a_stage(watched: Callable[..., Watched]) -> None:
-    """A finger that lies lower, or is softer, than could be planned: refused, and no alarm of the board."""
-    bench = watched(tables={"frame": {"apex_z_mm": -39.9}})
-    engine = bench.ready()
-    while engine.height_mm > -0.08:
-        engine.go_to_height(engine.height_mm - 0.05, 0.5)
-    with pytest.raises(LimitError, match=r"machine z = -40\.050 mm is outside the stage's travel, -40 … 0 mm"):
-        engine.go_to_height(engine.height_mm - 0.05, 0.5)
-    assert bench.bench.stage.homed
-    verbs.retract(engine)
-    with pytest.raises(LimitError, match=r"machine z = 0\.100 mm is outside the stage's travel"):
-        engine.go_to_height(40.0, 5.0)
-    assert bench.pose.above_apex_mm == pytest.approx(2.0, abs=0.003)
