@@ -44,7 +44,7 @@ def test_the_walk_finds_every_kind_of_device() -> None:
     assert {driver.__name__ for driver in DRIVERS} == {
         "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce", "TextCellForce",
         "ZaberStage", "ZaberAxis",
-        "TwoAxisStage", "StandaStage", "StandaAxis", "TmclStage", "TmclAxis", "NetFtForce",
+        "CountedAxis", "TwoAxisStage", "StandaStage", "StandaAxis", "TmclStage", "TmclAxis", "NetFtForce",
     }  # fmt: skip
     assert BUILT_IN["stage"] == ("grbl", "leadshine", "zaber", "standa", "tmcl")
     assert BUILT_IN["force"] == ("mtsics", "laumas", "text_cell", "net_ft")

@@ -131,7 +131,7 @@ def test_no_trip_is_missed_on_a_finger_that_is_not_the_one_expected(finger: Fing
     highest_gwt, predicted_n = _peak_gwt(free.run), finger.indent("cylinder:9", 0.0, doi_mm=1.0).force_n
     assert highest_gwt - 0.005 <= most_gwt <= 1.03 * highest_gwt
     assert highest_gwt > 1.03 * predicted_n / GWT_N
-    for n, share in enumerate((0.9, 0.01)):  # of the way from what was predicted to what is read
+    for n, share in enumerate((0.9, 0.3, 0.1, 0.01, 0.001)):  # of the way from what was predicted to what is read
         trip_gwt = predicted_n / GWT_N + share * (highest_gwt - predicted_n / GWT_N)
         done, felt_gwt = _felt(tmp_path / str(n), finger, trip_gwt * GWT_N)
         assert felt_gwt <= 1.03 * trip_gwt

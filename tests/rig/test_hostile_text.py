@@ -167,5 +167,5 @@ def test_a_stream_is_no_path(run: Path, program: Program) -> None:
     journal = run / "events.jsonl"
     rewrite(journal, lambda one: {**one, "stream": "../../note"} if one.get("stream") == "note" else one)
     ended = program("export", str(run), "--csv", "--json")
-    assert (ended.code, ended.error_code) == (2, "bad_journal")
+    assert (ended.code, ended.json["code"]) == (2, "bad_journal")
     assert not list(run.parents[1].glob("*.csv"))
