@@ -60,7 +60,12 @@ class PlainCommand(TyperCommand):
         return super().invoke(ctx)
 
 
-_NUMBERS: dict[Any, str] = {int: "integer", int | None: "integer", float: "float", float | None: "float"}
+_NUMBERS: dict[Any, str] = {
+    int: "a whole number",
+    int | None: "a whole number",
+    float: "a number",
+    float | None: "a number",
+}
 """Types of numbers, and their names in errors."""
 
 
@@ -73,7 +78,7 @@ def _plain_number(param: Any, number: str) -> None:
             try:
                 read_number(value)
             except ValueError:
-                words = f"{value!r} is not a valid {number}."
+                words = f"must be {number}, got {value!r}"
                 raise typer.BadParameter(words, ctx, param_hint=repr(param.opts[0])) from None
         return processed(ctx, value)
 
