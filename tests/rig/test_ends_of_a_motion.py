@@ -95,9 +95,10 @@ def test_at_an_unknown_height_a_contact_time_that_is_over_ends_the_way_down(zero
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_at_an_unknown_height_after_the_lift_of_the_contact_time_the_way_down_begins_anew(kind: str) -> None:
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
+def test_after_the_lift_of_the_contact_time_the_way_down_begins_anew(kind: str, known: bool) -> None:
     """What was touched before the lift is no finger lost."""
-    bench = SessionBench(kind, zero=ForceZero(0.0, 0.0), above_mm=0.4, max_contact_s=1.0, known=False)
+    bench = SessionBench(kind, zero=ForceZero(0.0, 0.0), above_mm=0.4, max_contact_s=1.0, known=known)
     for by_mm, speed_mm_s, code in ((-1.0, 2.0, "touched"), (-0.3, 0.1, "contact_time")):
         assert code_of_end(bench.step("z", by_mm, speed_mm_s)) == code
     assert bench.height_mm > 0.3
