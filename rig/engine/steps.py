@@ -262,7 +262,7 @@ class Steps:
         except TripError as trip:
             ended_by = trip
         except ContactTimeError as limit:
-            ended_by = limit
+            ended_by, self._descent = limit, None
             try:
                 engine.lift()
             except TripError as trip:
@@ -446,7 +446,6 @@ class Steps:
         Returns the error with what was done.
         """
         engine, stage, settings = self._engine, self._stage, self._engine.settings
-        self._descent = None
         if isinstance(problem, TripError) and (stage.homed or not engine.trip_lifts):
             return problem
         clearance_mm, lifted_mm, by_mm = settings.habits.clearance_mm, 0.0, first_mm

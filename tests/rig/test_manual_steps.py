@@ -5,7 +5,7 @@ The finger is a spring F = k d^1.5 below its skin; the truth is sampled every fe
 
 import itertools
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -139,6 +139,18 @@ def test_a_finger_that_was_touched_for_too_long_is_only_left(
     assert code_of_end(bench.step("z", -0.2)) is None, "each contact counts by itself"
 
 
+@pytest.mark.parametrize(("force_gwt", "counts"), [(1.0, True), (-1.0, True), (-0.03, False)])
+def test_at_an_unknown_height_a_pull_counts_as_contact_as_a_push_does(
+    at_hand: Callable[..., SessionBench], force_gwt: float, counts: bool
+) -> None:
+    bench = at_hand(known=False, zero=ZERO, max_contact_s=30.0)
+    bench.spring.offset_gwt = force_gwt
+    assert code_of_end(bench.step("z", 0.5)) is None
+    bench.clock.wait_s(31.0)
+    with raises(LimitError, "contact_time", limit_s=30.0) if counts else nullcontext():
+        bench.step("z", -0.05)
+
+
 @pytest.mark.parametrize(("above_mm", "lifted", "clear"), [(3.0, True, True), (3.0, False, True), (1.0, True, False)])
 def test_a_session_begins_in_contact_below_clearance(
     at_hand: Callable[..., SessionBench], above_mm: float, lifted: bool, clear: bool
@@ -187,6 +199,32 @@ def test_a_sensor_that_freezes_after_a_touch_trips(
     assert ended[-1] == code
     depth_mm = (before_gwt / 6.0) ** (2 / 3)
     assert bench.worst_gwt <= 6.0 * (depth_mm + 5 * INCREMENT_MM) ** 1.5
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
+@pytest.mark.parametrize(("k_gwt", "down_mm"), [(6.0, 1.0), (60.0, 0.25)])
+def test_a_sensor_that_freezes_in_a_finger_is_noticed_within_three_increments(
+    at_hand: Callable[..., SessionBench], known: bool, k_gwt: float, down_mm: float
+) -> None:
+    """At 6.5 and 9.9 gwt, where the last increment has added 0.5 and 2.4 gwt, not the touch force of 0.05 gwt."""
+    bench = at_hand(above_mm=0.2, k_gwt=k_gwt, known=known, on_trip="stop")
+    for by_mm, code in ((-1.0, "touched"), (-down_mm, None)):
+        assert code_of_end(bench.step("z", by_mm)) == code
+    freeze(bench, None)
+    from_mm = bench.height_mm
+    assert code_of_end(bench.step("z", -0.4)) == "frozen"
+    assert from_mm - bench.height_mm == pytest.approx(3 * INCREMENT_MM, abs=0.003)
+
+
+def test_a_finger_lost_above_clearance_is_noticed_one_increment_below_it(
+    at_hand: Callable[..., SessionBench],
+) -> None:
+    """After a touch at 4 mm it withdrew: the slow motion down to clearance counts as distance below the touch."""
+    bench = at_hand(skin_mm=4.0, above_mm=7.0, on_trip="stop")
+    assert code_of_end(bench.step("z", -5.0)) == "touched"
+    bench.spring.skin_mm = -4.0
+    assert code_of_end(bench.step("z", CLEARANCE_MM - 0.3 - bench.height_mm)) == "lost_finger"
+    assert bench.height_mm == pytest.approx(CLEARANCE_MM - INCREMENT_MM, abs=0.003)
 
 
 def test_a_reading_that_falls_on_the_way_down_trips(at_hand: Callable[..., SessionBench]) -> None:
