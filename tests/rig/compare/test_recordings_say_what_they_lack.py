@@ -128,7 +128,7 @@ def pulses_at(times: Array) -> dict[str, Any]:
 
 def nix(
     start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
-    epoch: tuple[str, ...] = (), **of_line: Any,
+    epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, **of_line: Any,
 ) -> Any:  # fmt: skip
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
@@ -138,7 +138,7 @@ def nix(
         if line_v:
             segment.analogsignals.append(
                 neo.AnalogSignal(
-                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name=name
+                    line(np.array(rises), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name=name
                 )
             )
         if epoch:
@@ -855,6 +855,95 @@ def recorder_that_lost(press: int | None, *pulses: int) -> Callable[[Path], str]
     return of_amplifier(spikes.tolist(), **pulses_at(amplifier(rises)))
 
 
+def of_presses(run: Run) -> Run:
+    """The run has three pulses a press, and its journal says of which press they are."""
+    pulses = [{"t_s": t + 0.01, "rise_s": t, "width_s": 0.01, "index": n, "at": at} for n, at, t in EDGES]
+    return replace(run, events={**run.events, "sync": pulses})
+
+
+def of_one_pulse(run: Run) -> Run:
+    pulses = [{**pulse, "index": n, "at": "touch"} for n, pulse in enumerate(run.events["sync"])]
+    return replace(run, events={**run.events, "sync": pulses})
+
+
+EDGES = [
+    (n, at, float(t))
+    for n, (touch, start) in enumerate(zip(RISES, STARTS, strict=True))
+    for at, t in (("touch", touch), ("hold_start", start - 0.01), ("hold_end", start + 0.59))
+]
+
+
+def paused(kind: str, *lost: int, off_s: float = 0.0, **more: Any) -> Callable[[Path], str]:
+    """Of three pulses a press, those of these numbers are lost, or late, with the spikes of their presses."""
+    presses_lost = {EDGES[n][0] for n in lost} if len(lost) > 1 else set()
+    mine = [any(abs(t - STARTS[n]) < 1 for n in presses_lost) for t in TIMES]
+    spikes = [t + off_s * own for t, own in zip(TIMES, mine, strict=True) if off_s or not own]
+    rises = [t + off_s * (n in lost) for n, (*_, t) in enumerate(EDGES) if off_s or n not in lost]
+    if kind == "CSV":
+        return spikes_csv(*syncs(amplifier(rises)), spikes=amplifier(spikes).tolist())
+    if kind == "NIX":
+        return nix(spikes=spikes, line_v=True, rises=rises)
+    return of_amplifier(spikes, **pulses_at(amplifier(rises)), **more)
+
+
+FEWER = "Between 20.6 and 49.4 s of the run, the file has fewer pulses than the run"
+GAPS = {
+    **{
+        f"{kind}, a recorder that paused during two presses": Case(
+            "presses 2 and 3, at 0 mm, have no pulse and no spike", paused(kind, *range(6, 12)), ("sync=ttl",)
+            * (kind == "NIX"), rates=[6.0, 12.0, 1.0], lost=2, run=of_presses, read_as=FEWER,
+        )
+        for kind in ("CSV", "NWB", "NIX")
+    },
+    "a pause, stated as observed": Case(
+        "the pulses contradict it, and it is said", paused("NWB", *range(6, 12), **observed((0, 100))),
+        rates=[6.0, 12.0, 1.0], lost=2, run=of_presses, read_as="although it states that the unit was observed",
+    ),
+    **{
+        f"a pause, observed throughout{what}": Case(
+            "the user says so, and the contradiction is said", paused("NWB", *range(6, 12), **more),
+            ("observed=throughout",), rates=[6.0, 0.0, 12.0, 1.0], run=of_presses,
+            read_as="The file has fewer pulses than the run, but presses count as observed",
+        )
+        for what, more in (("", {}), (", with intervals", observed((0, 100))))
+    },
+    "a pause of one press": Case(
+        "its pulses are lost", paused("CSV", 6, 7, 8), rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses,
+        read_as="Between 20.6 and 39.1 s of the run, the file has fewer pulses",
+    ),
+    "a pause from one hold into the next": Case(
+        "the first press was not observed to its end, nor the second from its beginning", paused("CSV", 8, 9, 10),
+        rates=[6.0, 12.0, 1.0], lost=2, run=of_presses,
+    ),
+    "one edge lost": Case(
+        "the other pulses of the press are there", paused("CSV", 7), rates=ALL, run=of_presses,
+        silent="fewer pulses than the run",
+    ),
+    "one kind of pulse recorded": Case(
+        "it was at its press each time", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[::3]])), spikes=amplifier(TIMES).tolist()), rates=ALL,
+        run=of_presses, silent="fewer pulses than the run",
+    ),
+    "the only pulse of a press lost": Case(
+        "nothing shows that it was on, from the pulse before to that after", of_amplifier(
+            [t for t in TIMES if not 30 < t < 31], **pulses_at(amplifier([*RISES[:2], *RISES[3:]]))),
+        rates=[4.0, 28.0, 12.0, 1.0], lost=2, run=of_one_pulse, read_as="fewer pulses than the run",
+    ),
+    "two pulses in a row lost": Case(
+        "no press is named, and two are no lost edge", of_amplifier(
+            [t for t in TIMES if not 30 < t < 41], **pulses_at(amplifier([*RISES[:2], *RISES[4:]]))),
+        rates=[4.0, 12.0, 1.0], lost=3, read_as="fewer pulses than the run",
+    ),
+    "a clock that wandered during a press": Case(
+        "the line of the other pulses is not its clock there", paused("CSV", 7, 8, off_s=0.3),
+        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="the clock of the recorder had wandered",
+    ),
+    "a clock that wandered, observed throughout": Case(
+        "the user does not know its clock either", paused("CSV", 7, 8, off_s=0.3), ("observed=throughout",),
+        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="the clock of the recorder had wandered",
+    ),
+}  # fmt: skip
+
 CLOCKED = {
     **{
         f"a recorder that lost half a second {when}": Case(
@@ -870,6 +959,7 @@ CLOCKED = {
             ("never", None, (), {"rates": ALL, "silent": "do not fit one another"}),
         )
     },
+    **GAPS,
     "a pulse too many at switch-on, and the last one missing": Case(
         "each has an explanation of its own, at another end",
         of_amplifier(**pulses_at(np.append(0.001, amplifier(RISES[:-1])))), rates=ALL,
