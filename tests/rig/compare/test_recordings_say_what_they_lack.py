@@ -245,6 +245,32 @@ UNOBSERVED = {
         "the beginning is stated", nix(BEGAN_S, max(UNTIL_LOST), line_v=True), ("sync=ttl",), rates=[8, 24, 12, 0],
         lost=1, read_as="u ends at its last spike (60.1 s)",
     ),
+    **{
+        f"NIX, t_start at the first spike{what}": Case(
+            "the presses before are as it says, and that is said",
+            nix(first, stop, line_v=True, spikes=[t for t in UNTIL_LOST if t > BEGAN_S]), ("sync=ttl", *columns),
+            rates=rates, lost=lost, read_as=f"u begins at its first spike ({first:.1f} s)",
+        )
+        for first in [next(t for t in TIMES if t > BEGAN_S)]
+        for what, stop, columns, rates, lost in (
+            (" and t_stop at the last", max(UNTIL_LOST), (), [24, 12, 0], 2),
+            (", t_stop later", 100.0, (), [24, 12, 0], 2),
+            (", observed throughout", max(UNTIL_LOST), ("observed=throughout",), [4, 24, 12, 0], 0),
+        )
+    },
+    **{
+        f"NWB, a unit with {column} = {values[0]}": Case(
+            "it may not count, and that is said", of_amplifier(**PULSES, **{f"units__{column}": values}), rates=ALL,
+            read_as=f"Columns of the unit that are not read: {column} = {shown}. If they say that it does not count",
+        )
+        for column, values, shown in (
+            ("quality", ["noise"], "noise"), ("valid", np.array([False]), "False"), ("KSLabel", ["mua"], "mua"),
+            ("good", [0], "0"), ("isi_violations", [0.75], "0.75"),
+        )
+    },
+    "NWB, a unit without other columns": Case(
+        "nothing is said", of_amplifier(**PULSES, **observed((0, 100))), rates=ALL, silent="Columns of the unit",
+    ),
     "NIX, t_stop after the last spike": Case(
         "it is believed", nix(stop=LOST_S, line_v=True), ("sync=ttl",), rates=ALL[:3], lost=2,
         silent="ends at its last spike",
@@ -748,6 +774,13 @@ def three_repeats(*labels: str, third: Sequence[str]) -> Callable[[Path], str]:
     return table("position_mm,rate,repeat", *(f"{x:g},{one},{label}" for x, one, label in rows))
 
 
+def four_repeats(of: Callable[[tuple[int, ...]], Any], places: int) -> Callable[[Path], str]:
+    """Three presses at some positions, and a fourth repeat that is what these are together."""
+    presses = ((10, 11, 13), (30, 33, 31), (25, 22, 29), (8, 9, 9), (17, 12, 13), (4, 9, 6), (2, 3, 7))[:places]
+    rows = [(x, y, n) for x, some in enumerate(presses) for n, y in enumerate((of(some), *some))]
+    return table("position_mm,rate,repeat", *(f"{x},{y},{n}" for x, y, n in rows))
+
+
 ROWS = {
     **{
         f"a repeat {label} that is {what}": Case(
@@ -761,6 +794,31 @@ ROWS = {
             ("3", "the rounded mean", "mean", ("3.2", "12.0", "6.5", "0.5")),
         )
     },
+    **{
+        f"a repeat that is {what} of the others{where}": Case(
+            "no press is what the others are together", four_repeats(of, places), code="totals",
+            says=("'0'", word, f"each of {places} positions"),
+        )
+        for what, word, of, where, places in (
+            ("the median", "median", np.median, "", 7),
+            ("the minimum", "minimum", np.min, "", 7),
+            ("the maximum", "maximum", np.max, "", 7),
+            ("the sd", "sd", lambda others: round(float(np.std(others, ddof=1)), 2), "", 4),
+            ("the sd of n", "sd", lambda others: round(float(np.std(others)), 2), "", 4),
+            ("the standard error", "standard error",
+             lambda others: round(float(np.std(others, ddof=1)) / 3**0.5, 3), "", 4),
+            ("the mean as a whole number", "mean", lambda others: round(float(np.mean(others))), "", 7),
+        )
+    },
+    "a repeat that is the minimum of the others at four positions": Case(
+        "as the smallest of equal presses may be: said", four_repeats(np.min, 4),
+        rates=[11.0, 31.0, 24.5, 8.5], read_as="The repeat 0 is counted as a press, but it has the minimum of the",
+    ),
+    "repeats of few spikes": Case(
+        "one is as the others by chance: said", table("position_mm,rate,repeat", *(
+            f"{x},{y},{n}" for x, some in enumerate(((0, 0, 0, 1), (1, 1, 2, 0), (0, 0, 1, 0), (2, 2, 1, 3)))
+            for n, y in enumerate(some))), rates=[0.25, 1, 0.25, 2], read_as="The repeat 0 is counted as a press, but"
+    ),
     "a repeat that is the mean at some positions": Case(
         "by chance", three_repeats("1", "2", "3", third=("3.165", "12", "6.5", "0")), rates=[3.165, 12, 6.5, 1 / 3],
     ),
