@@ -178,6 +178,7 @@ class ClockFit(NamedTuple):
             alone = len(lost) == 1 and press[lost[0]] == _NO_PRESS and other
             if len(lost) > 1 or alone or any(press[n] in lost_press for n in lost):
                 (astray if other else paused).append((begin_s, end_s))
+        paused = sorted(paused + _at_ends(rise_s, press, kept, seen))
         return Gaps(*(np.array(some, dtype=float).reshape(-1, 2) for some in (paused, astray)))
 
     def run_s(self, file_s: Array) -> Array:
@@ -185,6 +186,16 @@ class ClockFit(NamedTuple):
         if self.slope == 1.0 and self.offset_s == 0.0:
             return file_s
         return np.asarray(self.slope * file_s + self.offset_s)
+
+
+def _at_ends(
+    rise_s: Array, press: NDArray[np.str_], kept: NDArray[np.bool_], seen: NDArray[np.int64]
+) -> list[tuple[float, float]]:
+    """Return the times between the first or last pulse in the file and the next one of its press, if several lack."""
+    first, last = int(seen[0]), int(seen[-1])
+    ends = (first, np.flatnonzero(kept[:first])[::-1]), (last, last + 1 + np.flatnonzero(kept[last + 1 :]))
+    inside = [(at, int(lost[0])) for at, lost in ends if len(lost) > 1 and press[lost[0]] == press[at] != _NO_PRESS]
+    return [(float(rise_s[min(pair)]), float(rise_s[max(pair)])) for pair in inside]
 
 
 NONE_UNSEEN = np.empty(0), np.empty(0)

@@ -973,6 +973,21 @@ GAPS = {
         "the first press was not observed to its end, nor the second from its beginning", paused("CSV", 8, 9, 10),
         rates=[6.0, 12.0, 1.0], lost=2, run=of_presses,
     ),
+    "a recorder that was switched off in a hold": Case(
+        "half of the press at 60 s is no rate", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[:17]])), spikes=amplifier([t for t in TIMES if t < 60.035])),
+        rates=[6.0, 24.0, 12.0], lost=3, run=of_presses, read_as="fewer pulses than the run",
+    ),
+    "a recorder that was switched on in a hold": Case(
+        "half of the press at 20 s is no rate", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[5:]])), spikes=amplifier([t for t in TIMES if t > 20.025])),
+        rates=[24.0, 12.0, 1.0], lost=2, run=of_presses, read_as="fewer pulses than the run",
+    ),
+    "the last edge lost": Case(
+        "the press has its other pulses", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[:-1]])), spikes=amplifier(TIMES)), rates=ALL, run=of_presses,
+        silent="fewer pulses than the run",
+    ),
     "one edge lost": Case(
         "the other pulses of the press are there", paused("CSV", 7), rates=ALL, run=of_presses,
         silent="fewer pulses than the run",
