@@ -94,9 +94,16 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     line, names = header_of(path)
     refuse_rejecting(path, line, names, columns)
     rows = tuple(row for _, row in read_numbered(path, columns))
-    if unread := [name for name in names if name not in columns]:
-        _name_once(f"{path}: columns that are not read: {', '.join(unread[:_MOST_LISTED])}")
+    if text := unread_text(names, columns):
+        _name_once(f"{path}: {text}")
     return rows
+
+
+def unread_text(names: Sequence[str], columns: Sequence[str]) -> str:
+    """Return a clause on the columns of a table that are not among those to be read; "" without any."""
+    unread = [name or "(without a name)" for name in names if name not in columns]
+    more = f" and {len(unread) - _MOST_LISTED} more" * (len(unread) > _MOST_LISTED)
+    return f"columns that are not read: {', '.join(unread[:_MOST_LISTED])}{more}" if unread else ""
 
 
 @cache

@@ -1,7 +1,7 @@
 """Receptor readings and pressures from CSV files (`docs/coding.md`)."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorError, points_below
-from sim.tables import TableError, header_of, numbers_of, read_numbered, refuse_rejecting
+from sim.tables import TableError, header_of, numbers_of, read_numbered, refuse_rejecting, unread_text
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
@@ -48,6 +48,8 @@ class FileReadings:
     sd: Array | None
     at_rest: Array | None
     z_mm: Array | None = None
+    unread_text: str = ""
+    """Clause on the columns of the file that are not read."""
 
 
 def pa_per_pseudo(finger: FingertipConfig) -> float:
@@ -92,7 +94,8 @@ def read_readings(path: Path, finger: FingertipConfig) -> FileReadings:
         raise TableError(f"{where}: a column z_mm requires x_mm, not {place}", "sheet_without_x")
     columns = (place, "depth_mm", kind, *noise, *along)
     refuse_rejecting(path, first, names, (*columns, "noise"))  # which may be meant as sd
-    return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
+    found = _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
+    return replace(found, unread_text=unread_text(names, columns))
 
 
 def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:

@@ -379,7 +379,9 @@ def decode_task(task: DecodeTask) -> DecodeResult:
     ModelRangeError, ReceptorError, ShapeError
         For a finger that cannot be sampled or pressed like this.
     """
-    return decode_observation(observe(task), task.decoder, task.search)
+    found = decode_observation(observe(task), task.decoder, task.search)
+    unread = task.source.unread_text if isinstance(task.source, FileReadings) else ""
+    return replace(found, problems=(*found.problems, f"readings: {unread}")) if unread else found
 
 
 def observe(task: DecodeTask) -> Observation:

@@ -17,6 +17,7 @@ from sim.coding.readings_file import (
     read_pressures,
     read_readings,
 )
+from sim.coding.task import DecodeTask, decode_task
 from sim.config import FingertipConfig
 from sim.tables import TableError
 from tests.error_codes import raises
@@ -138,8 +139,23 @@ def test_pressures_lie_where_their_file_says_or_are_refused(
 
 @pytest.mark.parametrize("column", ["exclude", "Excluded", "valid", "bad_channel", "artifact"])
 def test_a_column_of_rows_that_do_not_count_is_refused(column: str, read: Read) -> None:
-    """It would count them; a remark is ignored."""
+    """It would count them."""
     rows = [f"{x},0.76,{10 + x},{int(x == 0)}" for x in range(-2, 3)]
     with raises(TableError, "extra_column"):
         read(f"x_mm,depth_mm,sed,{column}", *rows)
-    assert len(read("x_mm,depth_mm,sed,remark", *rows).reading) == 5
+
+
+UNREAD = ("outlier", "use", "include", "ok", "flag", "quality", "discard", "status", "masked", "skip", "Remark")
+
+
+@pytest.mark.parametrize("column", UNREAD)
+def test_a_column_that_is_not_read_is_named(column: str, read: Read) -> None:
+    rows = [f"{x},0.76,{10 + x},{int(x == 0)}" for x in range(-2, 3)]
+    assert read(f"x_mm,depth_mm,sed,{column}", *rows).unread_text == f"columns that are not read: {column}"
+    assert read("x_mm,depth_mm,sed,sd", *[row[:-1] + "1" for row in rows]).unread_text == ""
+
+
+def test_columns_that_are_not_read_are_among_the_problems_of_the_result(read: Read) -> None:
+    rows = [f"{0.4 * x:g},0.76,{10 - abs(x)},0.1,{int(x == 0)},1" for x in range(-5, 6)]
+    found = decode_task(DecodeTask(read("place_mm,depth_mm,sed,sd,outlier,use", *rows)))
+    assert "readings: columns that are not read: outlier, use" in found.problems

@@ -128,12 +128,13 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
     segments = _segments(path)
     segment = _one_segment(path, segments, columns)
     name, spikes = _spikes(path, segment, unit)
+    span, begins = _begin(name, segment, columns)
     channel, pulses, ends = _pulses(path, segment, columns)
     return UnitSpikes(
         finite_times(path, name, spikes),
         np.sort(finite_times(path, channel, pulses)),
-        segment.spans.get(name, THROUGHOUT),
-        notes=(*segment.unused(channel), *_end_not_believed(name, segment)),
+        span,
+        notes=(*segment.unused(channel), *begins, *_end_not_believed(name, segment)),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
         end_s=ends,
         line=channel in segment.lines,
@@ -212,13 +213,33 @@ def _channels(segment: Any) -> _Channels:
 def _span(train: Any, times: Array) -> Array:
     """Return the first and last time of a train.
 
-    An end at the last spike is not believed, nor a beginning at 0 or at the first spike beside it: exports write them
-    if they do not know when the recording began and ended.
+    An end at the last spike is not believed, nor a beginning at 0 beside it: exports write them if they do not know
+    when the recording began and ended. A beginning at the first spike holds unless the user knows better.
     """
     first, last = (float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop))
     if last > times.max(initial=first):
         return np.array([[first, last]])
-    return np.array([[first if 0 < first < times.min(initial=np.inf) else -np.inf, np.inf]])
+    return np.array([[first if first > 0 else -np.inf, np.inf]])
+
+
+def _begin(name: str, segment: _Channels, columns: ColumnMap) -> tuple[Array, list[str]]:
+    """Return the span of a channel, and a sentence on a stated beginning that is that of its first spike."""
+    span = segment.spans.get(name, THROUGHOUT)
+    if name not in segment.spans or not len(segment.trains[name]):
+        return span, []
+    first_s = float(segment.trains[name].min())
+    if first_s <= 0 or abs(float(span[0, 0]) - first_s) > _SAME_S:
+        return span, []
+    said = (f"The file states that {name} begins at its first spike ({first_s:.1f} s), as exports do that do not "
+            "know when the recording began.")  # fmt: skip
+    if columns.observed_throughout:
+        return np.array([[-np.inf, span[0, 1]]]), [f"{said} Presses before it count as observed, as "
+                                                   "observed=throughout states."]  # fmt: skip
+    return span, [f"{said} Presses before it count as not observed; if the unit was observed, use --columns "
+                  "observed=throughout."]  # fmt: skip
+
+
+_SAME_S = 1e-6
 
 
 def _end_not_believed(name: str, segment: _Channels) -> list[str]:

@@ -77,7 +77,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
             observed,
             of_run=of_run,
             stated=stated,
-            notes=notes,
+            notes=(*notes, *units.unread(file, row, columns["observed"].name)),
             end_s=end_s,
             line=pulses.line,
             read_as=read_as,
@@ -176,6 +176,30 @@ class _Units(NamedTuple):
         if found is None or found.dtype.kind not in "iu" or found.shape not in ((len(self.ids),), (len(self.ids), 1)):
             return []
         return [str(number) for number in values_of(found, self.path).ravel().tolist()]
+
+    def unread(self, file: h5py.File, row: int, observed: str) -> list[str]:
+        """Return a sentence on the values of a unit that are not read and may say that it does not count."""
+        every = members(file, self.path, "units")
+        read = {self.column, observed, "id", *_NAMES[:2]}
+        ragged = {name.removesuffix("_index") for name in every if name.endswith("_index")}
+        each = (name for name in every if name.removesuffix("_index") not in read | ragged)
+        said = [f"{name} = {value}" for name in each if (value := self._value(file, name, row)) is not None]
+        more = f" and {len(said) - _MOST_LISTED} more" * (len(said) > _MOST_LISTED)
+        return [f"Columns of the unit that are not read: {', '.join(said[:_MOST_LISTED])}{more}. If they say that it "
+                "does not count, choose another unit."] if said else []  # fmt: skip
+
+    def _value(self, file: h5py.File, column: str, row: int) -> str | None:
+        """Return the text, truth value or number of a unit in a column as text; None in another kind of column."""
+        place = f"units/{column}"
+        texts = texts_in(file, self.path, place)
+        if texts is not None:
+            return texts[row] if len(texts) == len(self.ids) else None
+        found = dataset_at(file, self.path, place)
+        shapes = (len(self.ids),), (len(self.ids), 1)
+        if found is None or found.dtype.kind not in "iufb" or found.shape not in shapes:
+            return None
+        value = values_of(found, self.path, row, row + 1)[0].item()
+        return f"{value:g}" if isinstance(value, float) else str(value)
 
     def _described(self, labels: dict[str, list[str]], row: int, several: bool) -> str:
         """Return a unit for a list: its id and texts, and how to choose it if its id or text does not."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,12 +74,12 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     placed = list(_placed(rows))
     found = _counts(path, placed, columns) if counted else _rates(path, placed)
     _refuse_totals(placed, "count" if counted else "rate")
-    _refuse_a_repeat_of_totals(placed, "count" if counted else "rate")
+    by_chance = _refuse_a_repeat_of_totals(placed, "count" if counted else "rate")
     changes = tuple(
         dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
     )
     read_as = columns_read(rows, columns.window_s if counted else None) + _close_positions(placed)
-    read_as += _named_repeats(rows)
+    read_as += _named_repeats(rows) + by_chance
     found = replace(found, changes=changes, read_as=read_as)
     return _of_a_finger(path, with_enough_positions(path, found), rows)
 
@@ -217,35 +218,78 @@ def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
             )
 
 
-def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> None:
-    """Refuse a repeat that has the mean, or the sum, of the other repeats at every position at which these differ."""
+def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
+    """Refuse a repeat that has what the others are together at every position at which these differ.
+
+    Return a sentence on one that may have it by chance, as the smallest of a few presses that are often equal.
+    """
     at: dict[float, dict[str, tuple[Row, float]]] = {}
     for row, place in rows:
         at.setdefault(place, {})[row.cells.get(role_name("repeat"), "")] = row, row.number(name)
     every = [some for some in at.values() if len(some) > _FEWEST_OTHERS]
+    said = ""
     for label in every[0] if every else ():
-        each = [(*some[label], [value for other, (_, value) in some.items() if other != label])
-                for some in every if label in some]  # fmt: skip
-        differ = [(row, mine, others) for row, mine, others in each if min(others) < max(others)]
-        for word, of in (("mean", np.mean), ("sum", np.sum)):
-            near = (abs(of(others) - mine) <= max(_ROUNDED * max(others), _half_a_digit(row, name))
-                    for row, mine, others in differ)  # fmt: skip
-            if len(differ) >= _FEWEST_TOTALS and all(near):
-                raise every[0][label][0].wrong(
-                    role_name("repeat"),
-                    "totals",
-                    f"a press, but it has the {word} of the other repeats at each of {len(differ)} positions; delete "
-                    "its rows",
-                )
+        differ = [some for some in every if label in some and len({value for _, value in _others(some, label)}) > 1]
+        for word, summary in _SUMMARIES_OF.items():
+            rounded = not summary.whole or not any("." in some[label][0].cells[name] for some in differ)
+            everywhere = rounded and all(_has(summary, some, label, name) for some in differ)
+            if len(differ) < _FEWEST_TOTALS or not everywhere:
+                continue
+            has = f"it has the {word} of the other repeats at each of {len(differ)} positions"
+            if summary.never_by_chance or _chance(summary, differ, name) < _UNLIKELY:
+                raise every[0][label][0].wrong(role_name("repeat"), "totals", f"a press, but {has}; delete its rows")
+            said = said or f" The repeat {label} is counted as a press, but {has}: delete its rows if it is none."
+    return said
 
 
-def _half_a_digit(row: Row, name: str) -> float:
-    """Return by how much a number with decimals may be rounded, in the program's unit; 0 for a whole number."""
+class _Summary(NamedTuple):
+    """What presses are together, and whether no press has it by chance; `whole`: as a whole number."""
+
+    of: Callable[[list[float]], float]
+    never_by_chance: bool = False
+    whole: bool = False
+
+
+_SUMMARIES_OF = {
+    "mean": _Summary(lambda others: float(np.mean(others)), never_by_chance=True),
+    "sum": _Summary(sum, never_by_chance=True),
+    "rounded mean": _Summary(lambda others: float(np.mean(others)), whole=True),
+    "median": _Summary(lambda others: float(np.median(others))),
+    "minimum": _Summary(min),
+    "maximum": _Summary(max),
+    "sd": _Summary(lambda others: float(np.std(others, ddof=1))),
+    "sd (of n)": _Summary(lambda others: float(np.std(others))),
+    "standard error": _Summary(lambda others: float(np.std(others, ddof=1)) / math.sqrt(len(others))),
+}
+_Presses = Mapping[str, tuple[Row, float]]
+
+
+def _others(some: _Presses, label: str) -> list[tuple[Row, float]]:
+    return [pair for other, pair in some.items() if other != label]
+
+
+def _has(summary: _Summary, some: _Presses, label: str, name: str) -> bool:
+    """Return whether a repeat has what the others at its position are together, as exactly as it is written."""
+    row, mine = some[label]
+    others = [value for _, value in _others(some, label)]
+    rounded = _half_a_digit(row, name, whole=summary.whole)
+    return abs(summary.of(others) - mine) <= max(_ROUNDED * max(others), rounded)
+
+
+def _chance(summary: _Summary, positions: Sequence[_Presses], name: str) -> float:
+    """Return how probable it is at most that some repeat has it everywhere, if all repeats are alike."""
+    shares = [np.mean([_has(summary, some, label, name) for label in some]) for some in positions]
+    return float(np.prod(shares)) * max(map(len, positions))
+
+
+def _half_a_digit(row: Row, name: str, *, whole: bool = False) -> float:
+    """Return by how much a number may be rounded, in the program's unit; 0 for a whole one unless `whole`."""
     decimals = len(row.cells[name].partition(".")[2])
-    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals else 0.0
+    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals or whole else 0.0
 
 
 _FEWEST_OTHERS, _FEWEST_TOTALS = 2, 4  # three presses of few spikes may be one another's mean by chance
+_UNLIKELY = 0.1
 _ROUNDED = 1e-3  # of a mean in a table
 _NEAR_MM = 0.01  # closer positions may be one, read from a stage
 

@@ -32,11 +32,22 @@ from rig.compare.recordings.recording import (
     shape_key,
     with_enough_positions,
 )
-from rig.compare.recordings.spike_times import SpikeClock, SpikeTimes, UnitSpikes, both, extent, joined, union
+from rig.compare.recordings.spike_times import (
+    SpikeClock,
+    SpikeTimes,
+    UnitSpikes,
+    both,
+    extent,
+    joined,
+    union,
+    without,
+)
 from rig.compare.recordings.sync_pulses import (
     ALL_UNSEEN,
+    NO_GAPS,
     NO_PULSES,
     ClockFit,
+    Gaps,
     called_like_pulses,
     fitted_clock,
     leading_edges,
@@ -184,7 +195,8 @@ def _no_observed(path: Path, name: str, problem: str) -> RecordingError:
 
 
 def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
-    rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
+    made = sorted(run.stream("sync"), key=lambda event: float(event["rise_s"]))
+    rise_s = np.array([event["rise_s"] for event in made], dtype=float)
     if len(found.pulse_s):
         fit = fitted_clock(path, found.pulse_s, rise_s, _width_s(run))
     else:
@@ -196,16 +208,45 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     every_s = np.concatenate([spike_s, fit.run_s(found.pulse_s), fit.run_s(found.file_s)])
     is_open = [bool(some.any()) for some in (np.isneginf(observed_s), np.isposinf(observed_s))]
     beyond = [bool(_are_inside(observed_s, some).any()) and len(every_s) > 0 for some in fit.unseen_s]
+    gaps = fit.gaps(made)
+    contradicted = _contradicted(found.throughout, any(beyond), gaps, observed_s)
     if found.throughout:
-        if not any((*is_open, *beyond)):
+        if not any((*is_open, *beyond, len(gaps.paused_s) > 0)):
             raise _no_observed(path, "throughout", "the file states when the unit was observed")
-        beyond = [False, False]
+        beyond, gaps = [False, False], gaps._replace(paused_s=NO_GAPS)
     events_s = float(every_s.min()) if beyond[0] else -np.inf, float(every_s.max()) if beyond[1] else np.inf
     stated = any(one and not left for one, left in zip(beyond, is_open, strict=True)) * (_MORE_THAN_PULSES,)
-    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated, *_unknown_clock(fit.known_s))
+    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated, *_unknown_clock(fit.known_s),
+             *contradicted)  # fmt: skip
     if np.isfinite(fit.known_s).any():
         observed_s = both(observed_s, np.array([fit.known_s]))
+    observed_s = without(observed_s, np.concatenate(gaps))
     return SpikeTimes(spike_s, observed_s, events_s, fit.clock, every, found.read_as)
+
+
+def _contradicted(throughout: bool, beyond: bool, gaps: Gaps, observed_s: Array) -> list[str]:
+    """Return sentences on times at which the file has fewer pulses than the run; none without them."""
+    stated = len(observed_s) != 1 or bool(np.isfinite(observed_s).any())
+    said = []
+    if throughout and (beyond or len(gaps.paused_s)):
+        where = f": {_spans_text(gaps.paused_s)}" if len(gaps.paused_s) else ""
+        said.append("The file has fewer pulses than the run, but presses count as observed, as observed=throughout "
+                    f"states{where}.")  # fmt: skip
+    elif len(gaps.paused_s):
+        although = ", although it states that the unit was observed" * stated
+        said.append(f"{_spans_text(gaps.paused_s).capitalize()} of the run, the file has fewer pulses than the run, "
+                    f"as if the recorder had paused{although}: presses there count as not observed.")  # fmt: skip
+    if len(gaps.astray_s):
+        said.append(f"{_spans_text(gaps.astray_s).capitalize()} of the run, its pulses and those of the file do not "
+                    "fit one another, as if the clock of the recorder had wandered: presses there count as not "
+                    "observed.")  # fmt: skip
+    return said
+
+
+def _spans_text(spans_s: Array) -> str:
+    each = [f"between {first:.1f} and {last:.1f} s" for first, last in spans_s[:_FEW_LISTED].tolist()]
+    more = [f"{len(spans_s) - _FEW_LISTED} more times"] if len(spans_s) > _FEW_LISTED else []
+    return joined([*each, *more])
 
 
 def _unknown_clock(known_s: tuple[float, float]) -> list[str]:

@@ -6,8 +6,9 @@ edges. The pulses are therefore matched by their times, and what has no partner 
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,14 +122,28 @@ class _Match(NamedTuple):
     def clock_fit(self, pulse_s: Array, rise_s: Array, clock: SpikeClock) -> "ClockFit":
         """Return the clock of the file."""
         known_s = self.known_s(pulse_s, rise_s)
-        return ClockFit(self.slope, self.offset_s, self.unseen_s(rise_s), clock, known_s)
+        others_s = self.slope * np.delete(pulse_s, self.pulses) + self.offset_s
+        return ClockFit(self.slope, self.offset_s, self.unseen_s(rise_s), clock, known_s, self.rises, others_s)
+
+
+NO_GAPS = np.empty((0, 2))
+_NO_PRESS = str(None)
+_RARELY = 0.5  # of the share of the most frequent kind
+
+
+class Gaps(NamedTuple):
+    """Times (n, 2) at which pulses of the run are not in the file, and those at which it has others instead."""
+
+    paused_s: Array
+    astray_s: Array
 
 
 class ClockFit(NamedTuple):
     """The run's time as a line over the file's time.
 
     `unseen_s` are the times of the run's pulses before the first and after the last that is in the file, infinite if
-    the file has no pulses. `known_s` are the times of the run between which the line holds.
+    the file has no pulses. `known_s` are the times of the run between which the line holds. `rises` are the numbers
+    of the run's pulses that are in the file, None if no gap can be told, and `others_s` the file's other pulses.
     """
 
     slope: float
@@ -136,12 +151,51 @@ class ClockFit(NamedTuple):
     unseen_s: tuple[Array, Array]
     clock: SpikeClock
     known_s: tuple[float, float] = (-math.inf, math.inf)
+    rises: NDArray[np.int64] | None = None
+    others_s: Array = np.empty(0)
+
+    def gaps(self, made: Sequence[Mapping[str, Any]]) -> "Gaps":
+        """Return the times between pulses of the file at which those of the run, ascending, are not in it.
+
+        One pulse may be an edge that was lost; two in a row, or all of a press, are a gap. So is one without a press,
+        if the file has another pulse instead. A kind of pulse (`at`) that the file rarely has was not recorded.
+        """
+        if self.rises is None:
+            return Gaps(NO_GAPS, NO_GAPS)
+        found = np.zeros(len(made), dtype=bool)
+        found[self.rises] = True
+        at, press = (np.array([str(event.get(key)) for event in made]) for key in ("at", "index"))
+        shares = {kind: float(found[at == kind].mean()) for kind in np.unique(at).tolist()}
+        kept = np.array([shares[kind] >= _RARELY * max(shares.values()) for kind in at.tolist()])
+        lost_press = {one for one in press[kept] if one != _NO_PRESS and not found[kept & (press == one)].any()}
+        rise_s = np.array([event["rise_s"] for event in made], dtype=float)
+        seen = np.flatnonzero(found)
+        paused, astray = list[tuple[float, float]](), list[tuple[float, float]]()
+        for first, last in pairwise(seen.tolist()):
+            lost = first + 1 + np.flatnonzero(kept[first + 1 : last])
+            begin_s, end_s = rise_s[[first, last]].tolist()
+            other = bool(((self.others_s > begin_s) & (self.others_s < end_s)).any())
+            alone = len(lost) == 1 and press[lost[0]] == _NO_PRESS and other
+            if len(lost) > 1 or alone or any(press[n] in lost_press for n in lost):
+                (astray if other else paused).append((begin_s, end_s))
+        paused = sorted(paused + _at_ends(rise_s, press, kept, seen))
+        return Gaps(*(np.array(some, dtype=float).reshape(-1, 2) for some in (paused, astray)))
 
     def run_s(self, file_s: Array) -> Array:
         """Return times of the file in s since the start of the run."""
         if self.slope == 1.0 and self.offset_s == 0.0:
             return file_s
         return np.asarray(self.slope * file_s + self.offset_s)
+
+
+def _at_ends(
+    rise_s: Array, press: NDArray[np.str_], kept: NDArray[np.bool_], seen: NDArray[np.int64]
+) -> list[tuple[float, float]]:
+    """Return the times between the first or last pulse in the file and the next one of its press, if several lack."""
+    first, last = int(seen[0]), int(seen[-1])
+    ends = (first, np.flatnonzero(kept[:first])[::-1]), (last, last + 1 + np.flatnonzero(kept[last + 1 :]))
+    inside = [(at, int(lost[0])) for at, lost in ends if len(lost) > 1 and press[lost[0]] == press[at] != _NO_PRESS]
+    return [(float(rise_s[min(pair)]), float(rise_s[max(pair)])) for pair in inside]
 
 
 NONE_UNSEEN = np.empty(0), np.empty(0)

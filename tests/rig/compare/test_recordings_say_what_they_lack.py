@@ -128,7 +128,7 @@ def pulses_at(times: Array) -> dict[str, Any]:
 
 def nix(
     start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
-    epoch: tuple[str, ...] = (), **of_line: Any,
+    epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, **of_line: Any,
 ) -> Any:  # fmt: skip
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
@@ -138,7 +138,7 @@ def nix(
         if line_v:
             segment.analogsignals.append(
                 neo.AnalogSignal(
-                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name=name
+                    line(np.array(rises), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name=name
                 )
             )
         if epoch:
@@ -244,6 +244,32 @@ UNOBSERVED = {
     "NIX, t_stop at the last spike, t_start before the first": Case(
         "the beginning is stated", nix(BEGAN_S, max(UNTIL_LOST), line_v=True), ("sync=ttl",), rates=[8, 24, 12, 0],
         lost=1, read_as="u ends at its last spike (60.1 s)",
+    ),
+    **{
+        f"NIX, t_start at the first spike{what}": Case(
+            "the presses before are as it says, and that is said",
+            nix(first, stop, line_v=True, spikes=[t for t in UNTIL_LOST if t > BEGAN_S]), ("sync=ttl", *columns),
+            rates=rates, lost=lost, read_as=f"u begins at its first spike ({first:.1f} s)",
+        )
+        for first in [next(t for t in TIMES if t > BEGAN_S)]
+        for what, stop, columns, rates, lost in (
+            (" and t_stop at the last", max(UNTIL_LOST), (), [24, 12, 0], 2),
+            (", t_stop later", 100.0, (), [24, 12, 0], 2),
+            (", observed throughout", max(UNTIL_LOST), ("observed=throughout",), [4, 24, 12, 0], 0),
+        )
+    },
+    **{
+        f"NWB, a unit with {column} = {values[0]}": Case(
+            "it may not count, and that is said", of_amplifier(**PULSES, **{f"units__{column}": values}), rates=ALL,
+            read_as=f"Columns of the unit that are not read: {column} = {shown}. If they say that it does not count",
+        )
+        for column, values, shown in (
+            ("quality", ["noise"], "noise"), ("valid", np.array([False]), "False"), ("KSLabel", ["mua"], "mua"),
+            ("good", [0], "0"), ("isi_violations", [0.75], "0.75"),
+        )
+    },
+    "NWB, a unit without other columns": Case(
+        "nothing is said", of_amplifier(**PULSES, **observed((0, 100))), rates=ALL, silent="Columns of the unit",
     ),
     "NIX, t_stop after the last spike": Case(
         "it is believed", nix(stop=LOST_S, line_v=True), ("sync=ttl",), rates=ALL[:3], lost=2,
@@ -748,6 +774,13 @@ def three_repeats(*labels: str, third: Sequence[str]) -> Callable[[Path], str]:
     return table("position_mm,rate,repeat", *(f"{x:g},{one},{label}" for x, one, label in rows))
 
 
+def four_repeats(of: Callable[[tuple[int, ...]], Any], places: int) -> Callable[[Path], str]:
+    """Three presses at some positions, and a fourth repeat that is what these are together."""
+    presses = ((10, 11, 13), (30, 33, 31), (25, 22, 29), (8, 9, 9), (17, 12, 13), (4, 9, 6), (2, 3, 7))[:places]
+    rows = [(x, y, n) for x, some in enumerate(presses) for n, y in enumerate((of(some), *some))]
+    return table("position_mm,rate,repeat", *(f"{x},{y},{n}" for x, y, n in rows))
+
+
 ROWS = {
     **{
         f"a repeat {label} that is {what}": Case(
@@ -761,6 +794,31 @@ ROWS = {
             ("3", "the rounded mean", "mean", ("3.2", "12.0", "6.5", "0.5")),
         )
     },
+    **{
+        f"a repeat that is {what} of the others{where}": Case(
+            "no press is what the others are together", four_repeats(of, places), code="totals",
+            says=("'0'", word, f"each of {places} positions"),
+        )
+        for what, word, of, where, places in (
+            ("the median", "median", np.median, "", 7),
+            ("the minimum", "minimum", np.min, "", 7),
+            ("the maximum", "maximum", np.max, "", 7),
+            ("the sd", "sd", lambda others: round(float(np.std(others, ddof=1)), 2), "", 4),
+            ("the sd of n", "sd", lambda others: round(float(np.std(others)), 2), "", 4),
+            ("the standard error", "standard error",
+             lambda others: round(float(np.std(others, ddof=1)) / 3**0.5, 3), "", 4),
+            ("the mean as a whole number", "mean", lambda others: round(float(np.mean(others))), "", 7),
+        )
+    },
+    "a repeat that is the minimum of the others at four positions": Case(
+        "as the smallest of equal presses may be: said", four_repeats(np.min, 4),
+        rates=[11.0, 31.0, 24.5, 8.5], read_as="The repeat 0 is counted as a press, but it has the minimum of the",
+    ),
+    "repeats of few spikes": Case(
+        "one is as the others by chance: said", table("position_mm,rate,repeat", *(
+            f"{x},{y},{n}" for x, some in enumerate(((0, 0, 0, 1), (1, 1, 2, 0), (0, 0, 1, 0), (2, 2, 1, 3)))
+            for n, y in enumerate(some))), rates=[0.25, 1, 0.25, 2], read_as="The repeat 0 is counted as a press, but"
+    ),
     "a repeat that is the mean at some positions": Case(
         "by chance", three_repeats("1", "2", "3", third=("3.165", "12", "6.5", "0")), rates=[3.165, 12, 6.5, 1 / 3],
     ),
@@ -855,6 +913,110 @@ def recorder_that_lost(press: int | None, *pulses: int) -> Callable[[Path], str]
     return of_amplifier(spikes.tolist(), **pulses_at(amplifier(rises)))
 
 
+def of_presses(run: Run) -> Run:
+    """The run has three pulses a press, and its journal says of which press they are."""
+    pulses = [{"t_s": t + 0.01, "rise_s": t, "width_s": 0.01, "index": n, "at": at} for n, at, t in EDGES]
+    return replace(run, events={**run.events, "sync": pulses})
+
+
+def of_one_pulse(run: Run) -> Run:
+    pulses = [{**pulse, "index": n, "at": "touch"} for n, pulse in enumerate(run.events["sync"])]
+    return replace(run, events={**run.events, "sync": pulses})
+
+
+EDGES = [
+    (n, at, float(t))
+    for n, (touch, start) in enumerate(zip(RISES, STARTS, strict=True))
+    for at, t in (("touch", touch), ("hold_start", start - 0.01), ("hold_end", start + 0.59))
+]
+
+
+def paused(kind: str, *lost: int, off_s: float = 0.0, **more: Any) -> Callable[[Path], str]:
+    """Of three pulses a press, those of these numbers are lost, or late, with the spikes of their presses."""
+    presses_lost = {EDGES[n][0] for n in lost} if len(lost) > 1 else set()
+    mine = [any(abs(t - STARTS[n]) < 1 for n in presses_lost) for t in TIMES]
+    spikes = [t + off_s * own for t, own in zip(TIMES, mine, strict=True) if off_s or not own]
+    rises = [t + off_s * (n in lost) for n, (*_, t) in enumerate(EDGES) if off_s or n not in lost]
+    if kind == "CSV":
+        return spikes_csv(*syncs(amplifier(rises)), spikes=amplifier(spikes).tolist())
+    if kind == "NIX":
+        return nix(spikes=spikes, line_v=True, rises=rises)
+    return of_amplifier(spikes, **pulses_at(amplifier(rises)), **more)
+
+
+FEWER = "Between 20.6 and 49.4 s of the run, the file has fewer pulses than the run"
+GAPS = {
+    **{
+        f"{kind}, a recorder that paused during two presses": Case(
+            "presses 2 and 3, at 0 mm, have no pulse and no spike", paused(kind, *range(6, 12)), ("sync=ttl",)
+            * (kind == "NIX"), rates=[6.0, 12.0, 1.0], lost=2, run=of_presses, read_as=FEWER,
+        )
+        for kind in ("CSV", "NWB", "NIX")
+    },
+    "a pause, stated as observed": Case(
+        "the pulses contradict it, and it is said", paused("NWB", *range(6, 12), **observed((0, 100))),
+        rates=[6.0, 12.0, 1.0], lost=2, run=of_presses, read_as="although it states that the unit was observed",
+    ),
+    **{
+        f"a pause, observed throughout{what}": Case(
+            "the user says so, and the contradiction is said", paused("NWB", *range(6, 12), **more),
+            ("observed=throughout",), rates=[6.0, 0.0, 12.0, 1.0], run=of_presses,
+            read_as="The file has fewer pulses than the run, but presses count as observed",
+        )
+        for what, more in (("", {}), (", with intervals", observed((0, 100))))
+    },
+    "a pause of one press": Case(
+        "its pulses are lost", paused("CSV", 6, 7, 8), rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses,
+        read_as="Between 20.6 and 39.1 s of the run, the file has fewer pulses",
+    ),
+    "a pause from one hold into the next": Case(
+        "the first press was not observed to its end, nor the second from its beginning", paused("CSV", 8, 9, 10),
+        rates=[6.0, 12.0, 1.0], lost=2, run=of_presses,
+    ),
+    "a recorder that was switched off in a hold": Case(
+        "half of the press at 60 s is no rate", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[:17]])), spikes=amplifier([t for t in TIMES if t < 60.035])),
+        rates=[6.0, 24.0, 12.0], lost=3, run=of_presses, read_as="fewer pulses than the run",
+    ),
+    "a recorder that was switched on in a hold": Case(
+        "half of the press at 20 s is no rate", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[5:]])), spikes=amplifier([t for t in TIMES if t > 20.025])),
+        rates=[24.0, 12.0, 1.0], lost=2, run=of_presses, read_as="fewer pulses than the run",
+    ),
+    "the last edge lost": Case(
+        "the press has its other pulses", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[:-1]])), spikes=amplifier(TIMES)), rates=ALL, run=of_presses,
+        silent="fewer pulses than the run",
+    ),
+    "one edge lost": Case(
+        "the other pulses of the press are there", paused("CSV", 7), rates=ALL, run=of_presses,
+        silent="fewer pulses than the run",
+    ),
+    "one kind of pulse recorded": Case(
+        "it was at its press each time", spikes_csv(
+            *syncs(amplifier([t for *_, t in EDGES[::3]])), spikes=amplifier(TIMES).tolist()), rates=ALL,
+        run=of_presses, silent="fewer pulses than the run",
+    ),
+    "the only pulse of a press lost": Case(
+        "nothing shows that it was on, from the pulse before to that after", of_amplifier(
+            [t for t in TIMES if not 30 < t < 31], **pulses_at(amplifier([*RISES[:2], *RISES[3:]]))),
+        rates=[4.0, 28.0, 12.0, 1.0], lost=2, run=of_one_pulse, read_as="fewer pulses than the run",
+    ),
+    "two pulses in a row lost": Case(
+        "no press is named, and two are no lost edge", of_amplifier(
+            [t for t in TIMES if not 30 < t < 41], **pulses_at(amplifier([*RISES[:2], *RISES[4:]]))),
+        rates=[4.0, 12.0, 1.0], lost=3, read_as="fewer pulses than the run",
+    ),
+    "a clock that wandered during a press": Case(
+        "the line of the other pulses is not its clock there", paused("CSV", 7, 8, off_s=0.3),
+        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="the clock of the recorder had wandered",
+    ),
+    "a clock that wandered, observed throughout": Case(
+        "the user does not know its clock either", paused("CSV", 7, 8, off_s=0.3), ("observed=throughout",),
+        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="the clock of the recorder had wandered",
+    ),
+}  # fmt: skip
+
 CLOCKED = {
     **{
         f"a recorder that lost half a second {when}": Case(
@@ -870,6 +1032,7 @@ CLOCKED = {
             ("never", None, (), {"rates": ALL, "silent": "do not fit one another"}),
         )
     },
+    **GAPS,
     "a pulse too many at switch-on, and the last one missing": Case(
         "each has an explanation of its own, at another end",
         of_amplifier(**pulses_at(np.append(0.001, amplifier(RISES[:-1])))), rates=ALL,
