@@ -25,8 +25,8 @@ from rig.transport.wire import Transport, arrived, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
-# A request that is answered by "not now" is repeated at this interval, for the time of two replies.
-ASK_AGAIN_S = 0.02
+# A request that is answered by "not now" is repeated at this interval, for so long: a look makes several reads.
+ASK_AGAIN_S, BUSY_S = 0.02, 0.1
 BROADCAST = 0
 # Replies on a serial line have no number. For LATE_S after an unanswered request, its reply may still arrive and be
 # taken for the reply to a later request of the same kind, so such requests wait for a second reply.
@@ -100,8 +100,8 @@ class ModbusMaster:
 
     baud determines the silence between RTU frames. reply_s bounds the wait for a reply. A read that times out or is
     garbled is repeated, up to read_tries in all; a write is not, since the device may have carried it out. A read
-    that the device cannot answer now, or a write that it did not carry out because it is busy, is repeated until two
-    replies could have come, or until send_now().
+    that the device cannot answer now, or a write that it did not carry out because it is busy, is repeated for
+    BUSY_S, or until send_now().
 
     Many RS-485 adapters echo. The first read detects this, and the echo is then removed from every reply, so that
     the echo of a write, which equals the reply to function 06, does not count as one.
@@ -173,7 +173,7 @@ class ModbusMaster:
 
     def _repeated(self, kind: type[ModbusBusy], exchange: Callable[[], ModbusPDU]) -> ModbusPDU:
         """Repeat an exchange while it ends in this error; a stop that was sent meanwhile must stay the last word."""
-        until_s, times = self._clock.monotonic_s() + 2 * self._reply_s, self._times_sent_now
+        until_s, times = self._clock.monotonic_s() + BUSY_S, self._times_sent_now
         while True:
             try:
                 return exchange()

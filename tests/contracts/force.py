@@ -317,7 +317,7 @@ class ForceContract:
     ) -> None:
         there = Connected(device)
         there.hears(not_now.reply)
-        assert 0.5 * there.max_age_s < there.lasts_s(there.driver.read, not_now.kind, not_now.code) < there.max_age_s
+        assert 0.08 < there.lasts_s(there.driver.read, not_now.kind, not_now.code) < there.max_age_s
         there.hears_as_usual()
         assert there.driver.read().force_n == pytest.approx(_usual_n(device))
         assert set(there.wire.asked) == {device.reading}
