@@ -54,9 +54,14 @@ def shows(sentence: str, value: Any) -> bool:
     return any(_is_printed(number, value) for number in _NUMBER.findall(sentence))
 
 
+_MOST_DIGITS = 300
+
+
 def _is_printed(number: str, value: Any) -> bool:
     printed = Decimal(number.replace("−", "-"))
     exponent = printed.as_tuple().exponent
+    if abs(int(exponent)) > _MOST_DIGITS:  # no number, but a part of a name such as 5e774a
+        return False
     half_digit = 0.5 * 10.0 ** int(exponent) if "." in number or "e" in number.lower() else 0.5e-9
     expected = getattr(value, "expected", value)
     return value == float(printed) or abs(float(printed) - float(expected)) <= 1.001 * half_digit
