@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -191,8 +191,12 @@ class CountedAxis(ABC, Generic[L]):
     speed_unit, acceleration_unit: native speed and acceleration for one count per s and s².
     """
 
+    unhomed_refuses: ClassVar[tuple[FaultKind, ...]] = (*LOCKED, FaultKind.HELD)
+    """What a jog refuses where the position is not trusted; a limit switch there may be active."""
     halt_again_s, stop_again_s = math.inf, 0.0
     """After this time a halt, or a stop, that does not take effect is sent again (s)."""
+    zero_acceleration_mm_s2 = math.inf
+    """What an acceleration of 0 means."""
 
     def __init__(
         self,
@@ -334,9 +338,11 @@ class CountedAxis(ABC, Generic[L]):
         return native
 
     def accelerations(self, native: Mapping[str, float]) -> Iterator[Setting]:
-        """Take the accelerations of the drive, 0 being as fast as it can; yield them as settings to compare."""
-        found_mm_s2 = {name: value / self._acceleration_unit or math.inf for name, value in native.items()}
-        self.acceleration_mm_s2 = min(found_mm_s2.values())
+        """Take the accelerations of the drive; yield them as settings to compare."""
+        found_mm_s2 = {
+            name: value / self._acceleration_unit or self.zero_acceleration_mm_s2 for name, value in native.items()
+        }
+        self.acceleration_mm_s2 = min(found_mm_s2.values()) or math.inf
         least = math.ceil(self._least_acceleration_mm_s2 * self._acceleration_unit)
         for name, mm_s2 in found_mm_s2.items():
             enough = mm_s2 >= self._least_acceleration_mm_s2
@@ -388,7 +394,11 @@ class CountedAxis(ABC, Generic[L]):
             nonlocal stood_at
             found = self.look()
             self._go_on(keep_on)
-            self.refuse(found, UNDER_WAY)
+            try:
+                self.refuse(found, UNDER_WAY)
+            except (StageReset, StageOverridden):
+                self.stop_now()
+                raise
             if (problem := self.strayed(found, start, target, speed_mm_s, begun_s)) is not None:
                 self.stop_now()
                 raise problem
@@ -409,10 +419,10 @@ class CountedAxis(ABC, Generic[L]):
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self.finish_move()
 
-    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
         """Move by a distance from rest, and return at once. Raises StageError."""
         speed, by = self.native_speed(speed_mm_s), self.counts(by_mm)
-        found = self._at_rest(LOCKED)
+        found = self._at_rest(BEFORE_MOVE if trusted else self.unhomed_refuses)
         self._begin(Destination(self.count_at_rest(found) + by, by), speed, keep_on)
 
     def count_at_rest(self, found: L) -> int:
@@ -508,14 +518,17 @@ class CountedAxis(ABC, Generic[L]):
         """Return once the axis rests after a stop, which is repeated. Raises StageError."""
         self._come_to_rest(STOP_S, halting=False)
 
+    def sends_again(self, after_s: float, since_s: float, *, halting: bool) -> bool:
+        """Return whether a stop is due this long after the first one, and after the last one. Raises StageError."""
+        return since_s >= (self.halt_again_s if halting else self.stop_again_s)
+
     def _come_to_rest(self, most_s: float, *, halting: bool) -> None:
         begun_s = self._clock.monotonic_s()
-        again_s = self.halt_again_s if halting else self.stop_again_s
         sent_s = -math.inf if halting else begun_s
         problem: StageError | None = None
         while (now_s := self._clock.monotonic_s()) < begun_s + most_s:
             try:
-                if problem is not None or now_s - sent_s >= again_s:
+                if problem is not None or self.sends_again(now_s - begun_s, now_s - sent_s, halting=halting):
                     self.send_stop(now_s - begun_s, halting=halting)
                     sent_s = now_s
                 if self.rests():
@@ -615,6 +628,7 @@ class TwoAxisStage(Stage, Generic[A]):
                     yield None
             except StageError:
                 self._send_stop()
+                self._confirm_idle(other)
                 raise
         self._trusted = keep_on()
 
@@ -672,7 +686,7 @@ class TwoAxisStage(Stage, Generic[A]):
         moves.native_speed(speed_mm_s)
         refuse_not_finite("by_mm", by_mm)
         self._prepare_motion()
-        moves.jog(by_mm, speed_mm_s, keep_on)
+        moves.jog(by_mm, speed_mm_s, keep_on, trusted=self._trusted)
 
     def stop(self) -> None:
         """Stop both axes at once, past every wait, and confirm it.
@@ -683,7 +697,7 @@ class TwoAxisStage(Stage, Generic[A]):
         self._times_stopped += 1
         self._trusted = False
         self._send_stop()
-        problems = [problem for axis in self._up_first() if (problem := _unconfirmed(axis))]
+        problems = [problem for axis in self._up_first() if (problem := unconfirmed(axis))]
         if problems:
             raise problems[0]
 
@@ -705,6 +719,9 @@ class TwoAxisStage(Stage, Generic[A]):
         """Send a stop to both drives past every wait. Raises TransportError."""
         for axis in self._up_first():
             axis.stop_now()
+
+    def _confirm_idle(self, axis: A) -> None:
+        """Confirm the stop of the axis that did not home, where a bit error may have started it."""
 
     def _prepare_motion(self) -> None:
         """Send what precedes a move or a jog. Raises StageError."""
@@ -770,7 +787,8 @@ def _one_axis(
     return next(iter(moves.items()), (None, set_y_mm))
 
 
-def _unconfirmed(axis: CountedAxis[Any]) -> StageError | None:
+def unconfirmed(axis: CountedAxis[Any]) -> StageError | None:
+    """Return why a stop was not confirmed, or None."""
     try:
         axis.confirm_stopped()
     except StageError as problem:

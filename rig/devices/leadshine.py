@@ -3,7 +3,7 @@
 from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
 from rig.devices.base import Stage, StageError
-from rig.devices.counted_axis import AxisSpec, TwoAxisStage
+from rig.devices.counted_axis import AxisSpec, TwoAxisStage, unconfirmed
 from rig.devices.drive_link import both_answer
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.devices.registry import Evidence, Opener, StageKind
@@ -69,6 +69,9 @@ class LeadshineStage(TwoAxisStage[LeadshineDrive]):
             super()._send_stop()
         else:
             z.link.send_now([z.device_id, x.device_id], reg.TRIGGER, reg.QUICK_STOP)
+
+    def _confirm_idle(self, axis: LeadshineDrive) -> None:
+        unconfirmed(axis)
 
     def _prepare_motion(self) -> None:
         """Disarm both before either moves, since a bit error in the address reaches the other one."""

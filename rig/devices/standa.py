@@ -10,7 +10,7 @@ The command `stop` also clears an alarm of the controller. An alarm that was see
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -78,6 +78,7 @@ class StandaAxis(CountedAxis[StandaLook]):
     """One controller."""
 
     halt_again_s, stop_again_s = math.inf, 2 * POLL_S
+    zero_acceleration_mm_s2 = 0.0
     link: StandaLink
 
     def __init__(self, link: StandaLink, clock: Clock, spec: AxisSpec, settings: StandaAxisSettings) -> None:
@@ -85,7 +86,7 @@ class StandaAxis(CountedAxis[StandaLook]):
         self.microsteps, self._settings = settings.microsteps, settings
         self.serial: int | None = None  # of the connected controller
         self._ramps: tuple[int, int] | None = None
-        self._alarms = 0
+        self._alarms, self._displaced = 0, False
 
     # --- settings ---
 
@@ -167,7 +168,7 @@ class StandaAxis(CountedAxis[StandaLook]):
 
     def clear(self) -> None:
         self.link.command("stop")
-        self._alarms = 0
+        self._alarms, self._displaced = 0, False
 
     # --- state ---
 
@@ -182,6 +183,11 @@ class StandaAxis(CountedAxis[StandaLook]):
             failed=bool(status.command & frames.FAILED),
         )
 
+    def refuse(self, found: StandaLook, kinds: Iterable[FaultKind]) -> None:
+        displaced = any(fault.kind is FaultKind.DISPLACED for fault in found.faults)
+        self._displaced |= displaced and FaultKind.DISPLACED in kinds
+        super().refuse(found, kinds)
+
     def _faults(self, status: AxisStatus) -> Iterator[Fault]:
         self._alarms |= status.flags & ~HARMLESS
         if self._alarms:
@@ -191,8 +197,9 @@ class StandaAxis(CountedAxis[StandaLook]):
         if not status.flags & HOMED or status.power == frames.POWER_OFF:
             yield LOST
         far = "left" if self._settings.home == "right" else "right"
-        if status.inputs & EDGE[far]:  # It lies outside the travel.
-            yield Fault(FaultKind.DISPLACED, f"{far.upper()}_EDGE", "remove the cause, see its manual")
+        if self._displaced or status.inputs & EDGE[far]:  # It lies outside the travel.
+            kind = FaultKind.ALARM if self._displaced else FaultKind.DISPLACED
+            yield Fault(kind, f"{far.upper()}_EDGE", "remove the cause, see its manual")
         command = status.command & frames.COMMAND
         if status.inputs & BUTTONS or (status.busy and command in (frames.LEFT, frames.RIGHT)):
             yield HELD

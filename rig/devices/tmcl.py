@@ -88,7 +88,8 @@ class TmclAxis(CountedAxis[TmclLook]):
     # --- motion ---
 
     def aim(self, target: Destination, speed: int) -> None:
-        if self._max_speed != 0:
+        # Before a jog also a module that was switched off since, whose speed is its default.
+        if target.by is not None or self._max_speed != 0:
             self._disarm()
         self.link.command(self.motor, MVP, ABSOLUTE, target.position)
         self._confirm(TARGET, target.position)

@@ -64,7 +64,8 @@ _VERSION = re.compile(r"(\d+)\.(\d+)(?:\.\d+)?")
 class ZaberAxis(CountedAxis[Look]):
     """One axis of a chain."""
 
-    halt_again_s, stop_again_s = math.inf, ESTOP_AFTER_S  # A second halt would stop harder.
+    unhomed_refuses = (*CountedAxis.unhomed_refuses, FaultKind.DISPLACED)
+    halt_again_s, stop_again_s = math.inf, math.inf  # A second halt would stop harder.
     link: ZaberLink
 
     def __init__(
@@ -136,6 +137,11 @@ class ZaberAxis(CountedAxis[Look]):
             self._command("stop")
         else:
             self.link.send_now("estop" if after_s >= ESTOP_AFTER_S else "stop")
+
+    def sends_again(self, after_s: float, since_s: float, *, halting: bool) -> bool:
+        if not halting and after_s >= ESTOP_AFTER_S:
+            return not self.rests()
+        return super().sends_again(after_s, since_s, halting=halting)
 
     def rests(self) -> bool:
         return not self._command("").busy

@@ -176,8 +176,9 @@ def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
         ("02 03 60 00 00 01", "02 03 02 00 02"),
     ]
     silent = ("01 10 60 0A 00 01 02 00 01", "")
+    other = [written("02 06 60 02 00 40"), status(2, HOMED)]
     with raises(StageTimeout, "no_reply", axis="x"):
-        stage([*BEFORE, *d, *limits, silent, STOP], per_mm=-400.0).home()
+        stage([*BEFORE, *d, *limits, silent, STOP, *other], per_mm=-400.0).home()
 
 
 # --- moves ---

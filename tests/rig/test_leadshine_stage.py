@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.leadshine import LeadshineStage
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
+    ALARM,
     HOMED,
     PR0,
     RUNNING,
@@ -224,6 +225,24 @@ def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clo
     told = [(t_s - begun_s, device) for t_s, device, register, said in bus.told if said == [QUICK_STOP]]
     assert [t_s for t_s, device in told if device == Z] == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert [device for _, device in told] == [Z, Z, Z, Z, X]
+
+
+def test_homing_that_fails_stops_the_other_drive_until_it_stands(bench: Make, clock: VirtualClock) -> None:
+    """It may have received the command, too."""
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        if device == X:
+            return RUNNING if begun_s < t_s < begun_s + 0.2 else HOMED
+        return ALARM if t_s > begun_s else HOMED
+
+    bus.status = status
+    with raises(StageAlarm, "alarm", axis="z"):
+        stage.home()
+    stops_s = [t_s - begun_s for t_s, device, _, said in bus.told if (device, said) == (X, [QUICK_STOP])]
+    assert len(stops_s) > 5
+    assert 0.2 <= stops_s[-1] < 0.25
 
 
 @pytest.mark.parametrize("arrived", [True, False, None], ids=["arrived", "under way", "homed since"])

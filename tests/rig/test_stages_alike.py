@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig.devices import drive_link
-from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageHeld, StageReset, StageTimeout
 from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
@@ -375,6 +375,8 @@ STOPS = {
     "zaber": [b"0 0 stop"], "standa": [b"z stop", b"x stop"], "tmcl": [b"z MST 0", b"x MST 0"],
     "leadshine": [leadshine.said("00 06 60 02 00 40")],
 }  # fmt: skip
+REPEATED = leadshine.said("01 06 60 02 00 40")
+"""Stop of the other Leadshine drive, which is confirmed."""
 
 
 @every_kind
@@ -386,7 +388,9 @@ def test_homing_that_fails_sends_a_stop_to_both_axes(kind: str) -> None:
     bench.wire.silent = True
     with raises(StageTimeout, "no_reply"):
         list(looks)
-    assert bench.wire.asked[-len(STOPS[kind]) :] == STOPS[kind]
+    asked = [one for one in bench.wire.asked if kind != "leadshine" or one != REPEATED]
+    assert asked[-len(STOPS[kind]) :] == STOPS[kind]
+    assert (bench.wire.asked[-1] == REPEATED) is (kind == "leadshine")
     assert not bench.stage.homed
 
 
@@ -590,6 +594,37 @@ def test_a_fault_is_refused_before_a_jog(kind: str, homed: bool, name: Any) -> N
     with raises(StageAlarm, "alarm", axis=name):
         bench.stage.jog(name, -0.5, 2.0)
     assert not getattr(devices, name).busy
+
+
+@every_kind
+def test_an_axis_that_was_switched_off_does_not_jog_from_a_trusted_position(kind: str) -> None:
+    bench, devices = _bench(kind)
+    devices.power_cycle()
+    with raises(StageReset, "was_reset", axis="z"):
+        bench.stage.jog("z", -0.5, 2.0)
+    assert not devices.z.busy
+
+
+ELSEWHERE: list[tuple[str, bool, Callable[[Any], object], type[StageError]]] = [
+    ("zaber", True, lambda z: z.warn("WM"), StageAlarm),
+    ("zaber", False, lambda z: z.warn("WM"), StageAlarm),
+    ("tmcl", True, lambda z: z.pressed.add(10), StageAlarm),
+    ("standa", True, lambda z: setattr(z, "inputs", 1), StageAlarm),
+    ("standa", True, lambda z: setattr(z, "inputs", 8), StageHeld),
+    ("standa", False, lambda z: setattr(z, "inputs", 8), StageHeld),
+]
+"""What shows that an axis is held or not where it is counted; a switch does only where the position is trusted."""
+
+
+@pytest.mark.parametrize(("kind", "homed", "happens", "error"), ELSEWHERE)
+def test_an_axis_that_is_elsewhere_or_held_does_not_jog(
+    kind: str, homed: bool, happens: Callable[[Any], object], error: type[StageError]
+) -> None:
+    bench, devices = _bench(kind, homed=homed)
+    happens(devices.z)
+    with raises(error, "held" if error is StageHeld else "alarm"):
+        bench.stage.jog("z", -0.5, 2.0)
+    assert not devices.z.busy
 
 
 @every_kind

@@ -127,6 +127,14 @@ def test_a_mode_of_the_motor_is_that_of_its_microsteps(mode: int) -> None:
             bench.stage.connect()
 
 
+@pytest.mark.parametrize("place", [2, 3], ids=["Accel", "Decel"])
+def test_a_controller_without_an_acceleration_is_refused(place: int) -> None:
+    bench = bench_of(homed=False)
+    _changed("mov", SPEEDS, place, 0)(bench.devices.z)
+    with raises(StageError, "not_as_configured", axis="z", found=0, expected=5000):
+        bench.stage.connect()
+
+
 @pytest.mark.parametrize("serial", [10003, 10001])
 def test_another_controller_is_refused(serial: int) -> None:
     """Ports that have changed places, so that z's commands would move x: 10003 is z's."""
@@ -258,7 +266,7 @@ def test_a_stop_clears_the_alarm_of_the_controller_but_not_ours() -> None:
 
 @pytest.mark.parametrize(("home", "edge", "word"), [("left", 1, "RIGHT_EDGE"), ("right", 2, "LEFT_EDGE")])
 def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word: str) -> None:
-    """That of home is none."""
+    """Until it is unlocked, though the switch is free again. That of home is none."""
     bench = bench_of(stage={"standa": {"z": {"home": home}}})
     bench.devices.z.inputs = edge ^ 3
     looks = under_way(bench)
@@ -268,6 +276,10 @@ def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word
     assert not bench.stage.homed
     bench.devices.z.inputs = 0
     bench.stage.stop()
+    for act in (bench.stage.home, lambda: bench.stage.jog("z", 0.1, 1.0)):
+        with raises(StageAlarm, "alarm", number=word, axis="z"):
+            act()
+    bench.stage.unlock()
     bench.stage.home()
     assert bench.stage.homed
 

@@ -11,7 +11,9 @@ import pytest
 from rig.devices.base import (
     StageAlarm,
     StageError,
+    StageOverridden,
     StageRejected,
+    StageReset,
     StageTimeout,
 )
 from rig.devices.registry import KnownBench, StageKind, find
@@ -200,6 +202,33 @@ def test_a_jog_that_was_stopped_elsewhere_is_disarmed_before_the_next_target() -
     bench.sent.clear()
     bench.stage.move_to(z_mm=-3.0, speed_mm_s=1.0)
     assert commands(bench) == ["1.1 5 4 0", "1.1 4 0 1200", "1.1 5 4 400", "1.1 5 4 0"]
+
+
+def test_a_module_that_was_switched_off_is_disarmed_before_the_target_of_a_jog() -> None:
+    """Its default speed would start it at once, before the target is read back."""
+    bench = bench_of()
+    bench.devices.power_cycle()
+    with raises(StageReset, "was_reset", expected=0):
+        bench.stage.status()
+    bench.sent.clear()
+    bench.stage.jog("z", -2.0, 0.5)
+    assert commands(bench) == ["1.1 5 4 0", "1.1 4 0 800", "1.1 5 4 200"]
+
+
+@pytest.mark.parametrize("parameter", [0, 4])
+def test_a_move_whose_target_or_speed_another_program_changes_is_stopped(parameter: int) -> None:
+    """It would go on to the other target, or three times as fast."""
+    bench, z = bench_of(), Z.number
+    looks = bench.stage.moving(z_mm=-5.0, speed_mm_s=1.0)
+    next(looks)
+    change = TmclRequest(Z, MVP, 0, 4000) if parameter == 0 else TmclRequest(Z, SAP, 4, 1200)
+    bench.lines[0].host_write(change.frame())
+    bench.sent.clear()
+    with raises(StageOverridden, "overridden") if parameter == 0 else raises(StageReset, "was_reset", found=1200):
+        list(looks)
+    assert [data[1] for _, _, data in bench.sent if data[3] == z][-1] == MST
+    bench.clock.wait_s(0.5)
+    assert bench.stands()
 
 
 def test_an_axis_at_a_limit_switch_can_jog_off_it() -> None:

@@ -3,6 +3,7 @@
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import pytest
 
@@ -203,16 +204,27 @@ def test_a_stop_that_is_lost_with_the_next_question_is_repeated() -> None:
     assert not bench.devices.z.busy
 
 
-def test_a_stop_that_does_not_take_effect_becomes_an_emergency_stop() -> None:
-    bench = bench_of()
+@pytest.mark.parametrize("lost", [0, 1, 3])
+def test_a_stop_that_does_not_take_effect_becomes_an_emergency_stop(lost: int) -> None:
+    """It is sent again at every look."""
+    bench, left = bench_of(), [lost]
     next(bench.stage.moving(z_mm=-30.0, speed_mm_s=5.0))
     obey = bench.devices.z.obey
-    bench.devices.z.obey = lambda words: "0" if list(words) == ["stop"] else obey(words)  # type: ignore[method-assign]
+
+    def obeyed(words: list[str]) -> str:
+        left[0] -= list(words) == ["estop"]
+        ignored = list(words) == ["stop"] or (list(words) == ["estop"] and left[0] >= 0)
+        return "0" if ignored else obey(words)
+
+    bench.devices.z.obey = obeyed  # type: ignore[method-assign]
     bench.sent.clear()
     asked_s = bench.clock.monotonic_s()
     bench.stage.stop()
-    first = next(at_s for (at_s, _, _), words in zip(bench.sent, commands(bench), strict=True) if "estop" in words)
-    assert first - asked_s == pytest.approx(0.3, abs=0.03)
+    sent = zip(bench.sent, commands(bench), strict=True)
+    estops_s = [at_s - asked_s for (at_s, _, _), words in sent if "estop" in words]
+    assert estops_s[0] == pytest.approx(0.3, abs=0.03)
+    assert len(estops_s) > lost
+    assert all(later - earlier < 0.05 for earlier, later in pairwise(estops_s))
     assert not bench.devices.z.busy
 
 
