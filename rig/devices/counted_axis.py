@@ -191,6 +191,8 @@ class CountedAxis(ABC, Generic[L]):
     speed_unit, acceleration_unit: native speed and acceleration for one count per s and s².
     """
 
+    stopped_after: ClassVar[tuple[type[StageError], ...]] = (StageReset,)
+    """Errors under way at which the driver stops the axis; at others its caller halts it, and it stays trusted."""
     unhomed_refuses: ClassVar[tuple[FaultKind, ...]] = (*LOCKED, FaultKind.HELD)
     """What a jog refuses where the position is not trusted; a limit switch there may be active."""
     halt_again_s, stop_again_s = math.inf, 0.0
@@ -396,7 +398,7 @@ class CountedAxis(ABC, Generic[L]):
             self._go_on(keep_on)
             try:
                 self.refuse(found, UNDER_WAY)
-            except (StageReset, StageOverridden):
+            except self.stopped_after:
                 self.stop_now()
                 raise
             if (problem := self.strayed(found, start, target, speed_mm_s, begun_s)) is not None:

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.clock import Clock
-from rig.devices.base import Stage, StageError
+from rig.devices.base import Stage, StageError, StageOverridden, StageReset
 from rig.devices.counted_axis import (
     POLL_S,
     AxisSpec,
@@ -60,6 +60,7 @@ class TmclAxis(CountedAxis[TmclLook]):
     """One motor of a module, which may count upwards away from home."""
 
     halt_again_s = 0.0
+    stopped_after = (StageReset, StageOverridden)  # it follows the target that another program gave it
     link: TmclLink
 
     def __init__(

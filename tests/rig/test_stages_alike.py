@@ -13,7 +13,15 @@ import pytest
 from pydantic import ValidationError
 
 from rig.devices import drive_link
-from rig.devices.base import MoveError, StageAlarm, StageError, StageHeld, StageReset, StageTimeout
+from rig.devices.base import (
+    MoveError,
+    StageAlarm,
+    StageError,
+    StageHeld,
+    StageOverridden,
+    StageReset,
+    StageTimeout,
+)
 from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
@@ -696,3 +704,30 @@ def test_a_port_that_does_not_open_leaves_none_of_the_others_open() -> None:
     with pytest.raises(TransportError):
         stage_driver(opened, clock, config)
     assert closed == [config.stage.port]
+
+
+INTERRUPTED: dict[str, Callable[[Any], object]] = {
+    "zaber": lambda z: z._warnings.add("NI"),
+    "standa": lambda z: setattr(z, "_command", 2),
+}
+"""Another program commands z."""
+
+
+@pytest.mark.parametrize("kind", INTERRUPTED)
+def test_a_move_that_another_program_interrupts_is_halted_by_its_caller_and_can_be_lifted(kind: str) -> None:
+    """A stop at full speed would cost the position, and with it the lift of a finger that is pressed."""
+    bench = bench_of(kind)
+    going = bench.stage.moving(z_mm=-30.0, speed_mm_s=8.0)
+    for _ in range(6):
+        next(going)
+    INTERRUPTED[kind](bench.devices.z)
+    bench.sent.clear()
+    with pytest.raises(StageOverridden):
+        for _ in going:
+            pass
+    assert not [data for _, _, data in bench.sent if b"stop" in data or b"sstp" in data]
+    bench.stage.halt()
+    assert bench.stage.status().state == "Idle"
+    assert bench.stage.homed
+    bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+    assert bench.stage.status().z_mm == pytest.approx(-1.0, abs=0.01)
