@@ -15,6 +15,7 @@ from rig.data.documents import MOST_ON_A_LINE, Damage, Document, JournalLine, Li
 from rig.data.events import PRESS_STREAMS, READING
 from rig.data.folder import RunFolder
 from rig.data.journal import listed_documents
+from rig.data.planned_presses import pressed_otherwise
 from rig.data.run_status import RunStatus
 from rig.data.run_time import RunTime
 from rig.errors import RigError
@@ -229,8 +230,6 @@ class Run:
     @property
     def warnings(self) -> list[str]:
         """Sentences on a damaged journal, files that are not those of the run, and presses that were not planned."""
-        from rig.data.planned_presses import pressed_otherwise  # A list of runs does without this module.
-
         return [*filter(None, (self.warning, *self.folder.warnings, pressed_otherwise(self)))]
 
     @property

@@ -1,4 +1,4 @@
-"""ChosenPress of the presses of a designed script, each after the count of the one before.
+"""Choice of the presses of a designed script, each after the count of the one before.
 
 The presses are those of any script: verbs, with the same checks, carried out by the same executors. Only one step is
 new, the choice. It waits at clearance, and it can only return a press that was checked before the first motion.
@@ -25,8 +25,7 @@ from rig.engine import Engine, verbs
 from rig.errors import BadInputError, CountError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
-from rig.plan.plan import Plan, Planner
-from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.api import Rig
 from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import Journalled, ResumeRule, Step
 from rig.records import PlannedIndentation
@@ -220,6 +219,8 @@ class Chooser:
 
         Each counts as if it were the only one, because a run makes few of them; its total is checked as it presses.
         """
+        from rig.design.press_times import planned_alone
+
         if self._checked:
             return ()
         choosing = self._prepared(on)
@@ -234,18 +235,13 @@ class Chooser:
                     "planned_press_not_possible",
                 )
         on.model.learn(choosing.table.predictions)
-        plan, state = Plan(), ScriptState(on.config, on.model)
-        rig, shape = Rig(ProtocolParameters(), state, Planner(state, plan)), ""
-        rig.home()
-        rig.zero()
-        for press in choosing.table.presses:
-            if press.shape != shape:
-                rig.mount(press.shape)
-                shape = press.shape
-            state.held_s = 0.0
-            press.make(rig, choosing.request.hold_s)
+        planned: list[PlannedIndentation] = []
+        for found in planned_alone(on.config, on.model, choosing.table.presses, choosing.request.hold_s):
+            if isinstance(found, BadInputError):
+                raise found
+            planned.append(found)
         self._checked = True
-        return plan.indentations
+        return planned
 
     def _prepared(self, on: ConfiguredFinger) -> "Choosing":
         """Return what a choice needs, with the counts so far."""

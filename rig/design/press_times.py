@@ -1,6 +1,6 @@
 """Time that presses take, from a rehearsal of a few of them on springs, and the designs that fit into a session."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.design.exceptions import DesignError
+from rig.design.presses import PossiblePress
 from rig.design.response_table import ResponseTable
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -16,6 +17,7 @@ from rig.plan.plan import Plan, Planner, make_plan
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import ScriptState
 from rig.protocol.script import Script
+from rig.records import PlannedIndentation
 from rig.session.rehearse import rehearsed
 from sim.finger_process import Finger
 
@@ -83,6 +85,27 @@ def in_memory(run: Callable[[Rig], None]) -> Script:
     return Script(Path(__file__), "design", "Designed presses", "docs/design.md", ProtocolParameters(), run)
 
 
+def planned_alone(
+    config: Config, model: FingerModel, presses: Iterable[PossiblePress], hold_s: float
+) -> Iterator[PlannedIndentation | BadInputError]:
+    """Yield the plan of each press as if it were the only one, since a session makes few of them, or its refusal."""
+    plan, state = Plan(), ScriptState(config, model)
+    rig, shape = Rig(ProtocolParameters(), state, Planner(state, plan)), ""
+    for press in presses:
+        if press.shape != shape:
+            rig.mount(press.shape)
+            rig.home()
+            rig.zero()
+            shape = press.shape
+        state.held_s = 0.0
+        try:
+            press.make(rig, hold_s)
+        except BadInputError as error:
+            yield error
+        else:
+            yield plan.indentations[-1]
+
+
 def allowed(
     config: Config, finger: Finger, table: ResponseTable, hold_s: float, progress: Callable[[int, int], None]
 ) -> ResponseTable:
@@ -90,30 +113,19 @@ def allowed(
 
     Raises DesignError if there are none.
     """
-    plan = Plan(predictions=table.predictions)
-    state = ScriptState(config, FingerModel(finger, plan.predictions, str, config.identified))
-    rig = Rig(ProtocolParameters(), state, Planner(state, plan))
+    model = FingerModel(finger, table.predictions, str, config.identified)
     unsolved = np.isnan(table.values).any(axis=(0, 2, 3)) | np.isnan(table.about).any(axis=1)
-    solved = np.logical_not(unsolved).tolist()
+    solved = np.flatnonzero(np.logical_not(unsolved)).tolist()
     kept: list[int] = []
     first: BadInputError | None = None
-    shape = ""
-    for k, press in enumerate(table.presses):
+    for k, found in zip(
+        solved, planned_alone(config, model, (table.presses[k] for k in solved), hold_s), strict=True
+    ):
         progress(k, len(table.presses))
-        if not solved[k]:
-            continue
-        if press.shape != shape:
-            rig.mount(press.shape)
-            rig.home()
-            rig.zero()
-            shape = press.shape
-        state.held_s = 0.0  # A session makes few of them.
-        try:
-            press.make(rig, hold_s)
-        except BadInputError as error:
-            first = first or error
-            continue
-        kept.append(k)
+        if isinstance(found, BadInputError):
+            first = first or found
+        else:
+            kept.append(k)
     if not kept:
         problem = "the finger model solves none of them" if first is None else str(first)
         raise DesignError(

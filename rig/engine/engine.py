@@ -233,6 +233,11 @@ class Engine:
         return self.bench.stage.homed and self.state is not State.UNHOMED
 
     @property
+    def at_clearance(self) -> bool:
+        """Whether a trusted position is at clearance or higher."""
+        return self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
+
+    @property
     def known_contact(self) -> KnownContact:
         """State of contact from the last measurements, without a query to a device."""
         contact = self.contact
@@ -255,8 +260,7 @@ class Engine:
 
     def record_contact(self, force_gwt: float | None) -> KnownContact:
         """Record and return the state of contact from the position and this force at rest; None: no force."""
-        clear = self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
-        kind = contact_kind(clear=clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
+        kind = contact_kind(clear=self.at_clearance, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._here(kind, force_gwt)
         self.contact = self.contact.after_measuring(found, self._now_s)
         self.memory.touched(found)

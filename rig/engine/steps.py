@@ -227,8 +227,7 @@ class Steps:
     def contact(self) -> StepEnd:
         """Measure the state of contact at rest. Raises StageError, TransportError."""
         engine, sensing = self._engine, self._engine.sensing
-        clear = self._stage.homed and engine.height_mm >= engine.settings.habits.clearance_mm - AT_MM
-        if clear and sensing.absolute and (engine.contact.may_touch or not engine.is_lifted):
+        if engine.at_clearance and sensing.absolute and (engine.contact.may_touch or not engine.is_lifted):
             known = engine.measure_contact()
             force_gwt = known.force_gwt
         else:

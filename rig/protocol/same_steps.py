@@ -8,14 +8,12 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
+from rig.data.planned_presses import is_alike, planned_steps
 from rig.errors import BadInputError
 from rig.protocol.check import PressPlace
 from rig.protocol.steps import Asked, Journalled, Note, Ramp, Rest, Step
 from rig.records import Purpose
-from rig_shared.user_files import json_of, read_bytes
 
-_ALIKE = 1e-3
-"""Largest difference of equal numbers (mm, gwt, s): a script may compute with answers, which the journal rounds."""
 _NOT_ASKED = ("index", "t_s", "contact_height_mm", "predicted_doi_mm", "predicted_force_gwt")
 _REPORTED = (Note.verb, Rest.verb)
 """Verbs of steps that may differ, which is reported."""
@@ -74,7 +72,7 @@ class SameSteps(_Comparison):
             if was != step.text:
                 self.differences.append(_other(step.verb, step.text, was))
         known_s = self._rests_s or [getattr(step, "seconds", 0.0)]
-        if isinstance(step, Rest) and not any(_equal(step.seconds, was_s) for was_s in known_s):
+        if isinstance(step, Rest) and not any(is_alike(step.seconds, was_s) for was_s in known_s):
             self.differences.append(_other(step.verb, step.seconds, known_s[0]))
 
 
@@ -96,7 +94,7 @@ class SamePlan(_Comparison):
         """Compare the next step; raise BadInputError for another one, and list another note or rest."""
         if asked.get("verb") in self._reported:
             was = next(self._reported[asked["verb"]], "none")
-            if not _equal(was, asked["what"]):
+            if not is_alike(was, asked["what"]):
                 self.differences.append(_other(asked["verb"], asked["what"], was))
             return
         with self._for_good():
@@ -134,7 +132,7 @@ def as_lines(steps: Iterable[Asked]) -> bytes:
 def read_plan(path: Path) -> SamePlan | None:
     """Return the plan that a run stored when it began; None for a run of an earlier version. Raises BadInputError."""
     try:
-        return SamePlan([dict(json_of(line)) for line in read_bytes(path).splitlines()])
+        return SamePlan(planned_steps(path))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, KeyError) as error:
@@ -168,7 +166,7 @@ def _refuse_other(recorded: Asked, asked: Asked, name: str) -> None:
     # Earlier versions recorded the place in the schedule only in part.
     marks = ("block", "repeat", "condition") if "hold_s" in recorded else ()
     shared = [key for key in recorded if key in asked]
-    keys = [key for key in dict.fromkeys((*shared, *marks)) if not _equal(recorded.get(key), asked.get(key))]
+    keys = [key for key in dict.fromkeys((*shared, *marks)) if not is_alike(recorded.get(key), asked.get(key))]
     if keys:
         raise _another_run(name, _in_words(asked, keys), _in_words(recorded, keys))
 
@@ -188,12 +186,6 @@ def _name(step: Asked) -> str:
 
 def _press(purpose: str, index: int) -> str:
     return f"{purpose} press index {index}"
-
-
-def _equal(one: Any, other: Any) -> bool:
-    if isinstance(one, int | float) and isinstance(other, int | float):
-        return math.isclose(one, other, rel_tol=_ALIKE, abs_tol=_ALIKE)
-    return bool(one == other)
 
 
 def _plain(value: Any) -> Any:
