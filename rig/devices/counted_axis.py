@@ -159,7 +159,7 @@ class Link(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class AxisSpec:
-    """What the configuration says about an axis.
+    """Configuration of an axis.
 
     counts_per_mm: negative where the drive counts against the axis. least_acceleration_mm_s2: what `connect`
     requires.
@@ -172,7 +172,7 @@ class AxisSpec:
 
     @classmethod
     def of(cls, settings: BenchSettings, name: str, nominal: float) -> "AxisSpec":
-        """Return that of an axis; nominal: counts for each mm with their sign, unless they were measured."""
+        """Return the configuration of an axis; nominal: signed counts for each mm, unless they were measured."""
         measured = settings.calibration.value(f"{name}_steps_per_mm", nominal)
         return cls(
             name,
@@ -194,11 +194,11 @@ class CountedAxis(ABC, Generic[L]):
     stopped_after: ClassVar[tuple[type[StageError], ...]] = (StageReset,)
     """Errors under way at which the driver stops the axis; at others its caller halts it, and it stays trusted."""
     unhomed_refuses: ClassVar[tuple[FaultKind, ...]] = (*LOCKED, FaultKind.HELD)
-    """What a jog refuses where the position is not trusted; a limit switch there may be active."""
+    """Faults at which a jog is refused where the position is not trusted; a limit switch there may be active."""
     halt_again_s, stop_again_s = math.inf, 0.0
     """After this time a halt, or a stop, that does not take effect is sent again (s)."""
     zero_acceleration_mm_s2 = math.inf
-    """What an acceleration of 0 means."""
+    """Acceleration that a drive means by 0 (mm/s²)."""
 
     def __init__(
         self,
