@@ -159,15 +159,17 @@ class Engine:
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
             self._below_clearance()
-        if on_reading:
-            self.beat()  # A ramp is polled from its start, so that it is late as soon as a hold is.
-            look_s = min(self.sensing.sensor.sample_period_s, LOOK_S)
-            watch = Watch(on_reading=on_reading)
-            return self.run_watched(lambda check: self.motion.to_height(height_mm, speed_mm_s, check, look_s), watch)
-        self.beat(LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
-        watch = Watch(away=height_mm > from_mm, touch_ends_it=long or touch_ends_it)
-        return self.run_watched(lambda check: self.motion.to_height(height_mm, speed_mm_s, check), watch)
+        look_s = min(self.sensing.sensor.sample_period_s, LOOK_S) if on_reading or long else LOOK_S
+        # A ramp is polled from its start, so that it is late as soon as a hold is.
+        lasts_s = 0.0 if on_reading else LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s
+
+        def go(check: Check) -> None:
+            self.beat(lasts_s)
+            self.motion.to_height(height_mm, speed_mm_s, check, look_s)
+
+        touch_ends_it = not on_reading and (long or touch_ends_it)
+        return self.run_watched(go, Watch(height_mm > from_mm, touch_ends_it, on_reading=on_reading))
 
     def run_watched(self, motion: Callable[[Check], None], watch: Watch) -> Outcome:
         """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
@@ -182,6 +184,8 @@ class Engine:
             else:
                 begun = self.sensing.begin_motion(away=watch.away, shakes_gwt=watch.shakes_gwt)
                 check = WatchedMotion(self, watch, begun)
+                if not (watch.away or self.sensing.has_new_reading):
+                    check()
                 self.guarded(lambda: motion(check))
         except NoReadingError as error:
             self.trip(TripError(str(error), error.code))

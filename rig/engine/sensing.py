@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from rig.clock import Clock
 from rig.devices.base import (
+    LOOK_S,
     ForceBusy,
     ForceError,
     ForceOverload,
@@ -145,6 +146,7 @@ class Sensing:
         self.max_age_s = find(ForceKind, settings.force.kind).max_age_s(settings.force)
         self._settings, self._clock = settings, clock
         self._at_rest_n = 0.0  # last settled reading, before the zero
+        self._read_s = -math.inf  # arrival of the last reading
 
     def connect(self) -> str:
         """Connect the sensor and return its identity. Raises ForceError."""
@@ -192,6 +194,11 @@ class Sensing:
     def settle_s(self) -> float:
         """Time from the end of a move to a reading that is unaffected by it (s)."""
         return self._settings.habits.settle_readings * self.sensor.sample_period_s + self._settings.force.latency_s
+
+    @property
+    def has_new_reading(self) -> bool:
+        """Whether the last reading is no older than one sample, or than one look at a motion."""
+        return self._clock.monotonic_s() - self._read_s <= max(self.sensor.sample_period_s, LOOK_S) + _TINY_S
 
     def now(self) -> ForceReading:
         """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
@@ -304,7 +311,9 @@ class Sensing:
         return self.zero
 
     def _read(self, wait_s: float) -> ForceReading:
-        return read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
+        reading = read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
+        self._read_s = self._clock.monotonic_s()
+        return reading
 
     def from_zero(self, reading: ForceReading) -> ForceReading:
         """Return a reading counted from the zero, if there is one."""

@@ -197,6 +197,23 @@ def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, fla
     assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
 
 
+# --- a way down begins with a reading ---
+
+
+@pytest.mark.parametrize(("bench", "rises_mm"), on_all(2.3, 2.8), indirect=["bench"])
+def test_no_way_down_begins_on_a_finger_that_came_up_since_the_last_reading(
+    bench: FingerBench, rises_mm: float
+) -> None:
+    engine = bench.ready()
+    indent(engine, Target("doi_mm", 0.3))
+    bench.finger.moves(in_s(bench, 0.1), rises_mm, 50.0)
+    bench.clock.wait_s(1.0)
+    stood, so_far = bench.witness.now(), len(bench.witness.samples)
+    with suppress(*ENDINGS):
+        indent(engine, Target("doi_mm", 0.3))
+    assert min(sample.height_mm for sample in bench.witness.samples[so_far:]) > stood.height_mm - 0.01
+
+
 # --- rests are watched ---
 
 

@@ -38,7 +38,10 @@ from tests.moving_finger import (
 )
 
 SLOW_MADE_GWT = 8.0
-"""By how much the program may pass the trip before its first reading above it (gwt): half the trip."""
+"""By how much the program may pass the trip before its first reading above it, at the usual travel speed, and in
+proportion to a faster one (gwt): half the trip.
+"""
+USUAL_TRAVEL_MM_S = 5.0
 NOISIEST_GWT = 0.2
 CONTACT_S = 60.0
 COMPLETED_S = 10.0
@@ -364,7 +367,8 @@ class FingerMachine(RuleBasedStateMachine):
             made_gwt = witness.made_gwt(TRIP_GWT, bench.read_s, self._judged)
             judge(made_gwt <= OVERSHOOT_GWT, f"{made_gwt:.2f} gwt more, after a reading above the trip")
             made_gwt = witness.made_gwt(TRIP_GWT, 0.0, self._judged)
-            judge(made_gwt <= SLOW_MADE_GWT, f"{made_gwt:.2f} gwt more above the trip than the finger alone")
+            faster = max(bench.config.habits.travel_speed_mm_s / USUAL_TRAVEL_MM_S, 1.0)
+            judge(made_gwt <= SLOW_MADE_GWT * faster, f"{made_gwt:.2f} gwt more above the trip than the finger alone")
             for said in witness.lies(self._heard):
                 judge(False, f"{said.by}: {said.words}, at {said.force_gwt:.1f} gwt for {said.touched_s:.1f} s")
         contact_s, most_s = engine.contact_time.total_s, bench.config.limits.max_contact_s
