@@ -8,6 +8,7 @@ examples of each machine, from the seed FINGER_SEED.
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -406,8 +407,9 @@ class FingerMachine(RuleBasedStateMachine):
         noise_gwt = engine.sensing.noise_gwt
         judge(noise_gwt <= NOISIEST_GWT, f"noise of {noise_gwt:.2f} gwt")
         samples = [one for one in bench.witness.samples if one.t_s >= bench.force.zeroed_s]
-        taken = [one.force_gwt for one in samples if abs(one.height_mm - samples[0].height_mm) < 1e-3]
-        mean_gwt = sum(taken) / max(len(taken), 1)
+        there = [one for one in samples if abs(one.height_mm - samples[0].height_mm) < 1e-3]
+        pressed = sum(before.force_gwt * (after.t_s - before.t_s) for before, after in pairwise(there))
+        mean_gwt = pressed / (there[-1].t_s - there[0].t_s) if len(there) > 1 else 0.0
         judge(mean_gwt < bench.least_gwt, f"a zero at {mean_gwt:.2f} gwt")
 
     def _judge_end(self, problem: BaseException) -> None:
