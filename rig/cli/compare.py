@@ -17,7 +17,7 @@ from rig.cli.recorded_run import recorded_run
 from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
-from rig.compare.comparison_rows import fingers_as_json, warnings_as_json
+from rig.compare.comparison_rows import fingers_as_json
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
@@ -39,7 +39,7 @@ from rig.compare.stimuli import StimulusRow, pressed, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import TOO_FEW, positions, sentence
 from rig.compare.wider_run import with_wider_runs
-from rig.data import Run
+from rig.data.run import Run, warnings_as_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.plan.finger_model import from_copy

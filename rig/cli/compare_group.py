@@ -7,7 +7,6 @@ from typing import NamedTuple, NotRequired
 
 from rig.cli.output import busy, out, print_json
 from rig.compare.comparison import LeftOutOfRecordingJson, compare, left_out_rows
-from rig.compare.comparison_rows import RunWarningJson, warnings_as_json
 from rig.compare.group import group_verdict
 from rig.compare.group_text import (
     AfferentAnswerJson,
@@ -36,7 +35,7 @@ from rig.compare.spike_clock import (
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions
-from rig.data import Run
+from rig.data.run import Run, RunWarningJson, warnings_as_json
 from rig.errors import BadInputError
 from rig.report.group_page import GroupPage, write_group_page
 from rig_shared.outputs import File, Name, Output

@@ -43,6 +43,7 @@ from rig.control.stop import OwnedStage
 from rig.data import RunError, RunFolder
 from rig.data.ending import EndingJson
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text
+from rig.data.run import RunWarningJson, warnings_as_json
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.identify.adaptive_presses import (
@@ -139,6 +140,7 @@ class FindJson(Output):
     residual_mm: float
     touches: int
     toml: Toml
+    warnings: NotRequired[list[RunWarningJson]]
 
 
 def usual_goals(shapes: Sequence[str]) -> tuple[PressAt, ...]:
@@ -587,6 +589,8 @@ def find_command(
                 "touches": lie.touches,
                 "toml": lie.as_toml(),
             }
+            if warnings := warnings_as_json([recorded]):
+                found["warnings"] = warnings
             print_json(found)
         else:
             out.print(

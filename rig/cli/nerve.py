@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NotRequired
 
 import typer
 
@@ -10,7 +10,7 @@ from rig.cli.options import JsonOption, RunArgument, bounded, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
-from rig.data.run import Run
+from rig.data.run import Run, RunWarningJson, warnings_as_json
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
@@ -59,6 +59,7 @@ class SpikesJson(Output):
     afferents: list[SimulatedAfferentJson]
     left_out: int
     files: list[File]
+    warnings: NotRequired[list[RunWarningJson]]
 
 
 class NerveJson(SpikesJson):
@@ -109,6 +110,8 @@ def nerve_command(request: NerveRequest) -> None:
         report = found.folder.report
         if request.as_json:
             reported: NerveJson = {**answer, "report": str(report)}
+            if warnings := warnings_as_json([found]):
+                reported["warnings"] = warnings
             print_json(reported)
         else:
             _print(answer, report)

@@ -21,7 +21,15 @@ from rig.data import dictionary
 from rig.data.ending import EndingJson
 from rig.data.folder import SCRIPT, FileSizeJson, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
-from rig.data.run import PackageJson, Run, RunError, provenance_of, read_provenance
+from rig.data.run import (
+    PackageJson,
+    Run,
+    RunError,
+    RunWarningJson,
+    provenance_of,
+    read_provenance,
+    warnings_as_json,
+)
 from rig.data.run_status import RunStatus, State, reason_of
 from rig.data.tables import (
     HOLD_COLUMNS,
@@ -137,6 +145,7 @@ class ShowJson(Output):
     versions: list[PackageJson]
     model: RunModelJson | None
     files: list[FileSizeJson]
+    warnings: NotRequired[list[RunWarningJson]]
 
 
 class ColumnJson(Output):
@@ -160,6 +169,7 @@ class ExportJson(Output):
 
     run: File
     files: list[File]
+    warnings: NotRequired[list[RunWarningJson]]
 
 
 @dataclass(frozen=True)
@@ -381,6 +391,8 @@ def _run_as_json(run: Run) -> ShowJson:
     }
     if (choice := choice_as_json(run)) is not None:
         result["choice"] = choice
+    if warnings := warnings_as_json([run]):
+        result["warnings"] = warnings
     return result
 
 
@@ -542,6 +554,8 @@ def export_command(request: ExportRequest) -> None:
                 written += [str(run / name) for name in renewed_report(found, finger, strain=True, as_json=as_json)]
         if as_json:
             exported: ExportJson = {"run": str(run), "files": written}
+            if warnings := warnings_as_json([found]):
+                exported["warnings"] = warnings
             print_json(exported)
         else:
             out.print("\n".join(written))

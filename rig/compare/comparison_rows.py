@@ -18,7 +18,7 @@ from rig.compare.spike_clock import ClockShiftJson, RecordingJson
 from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
 from rig.compare.verdict import AfferentVerdict, Candidate, Outcome, PairRow, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
-from rig.data import Run
+from rig.data.run import RunWarningJson
 from rig.units import unit_of_key
 from rig_shared.outputs import File, Interval, Name, Output, Ratio, Shape, Unit
 from sim.measures.measures import BY_NAME, MEASURES, MeasureName
@@ -297,13 +297,6 @@ class PhaseJson(Output):
     rows: list[PhaseCandidateJson]
 
 
-class RunWarningJson(Output):
-    """A run that is incomplete or not as planned, whose journal is damaged, or whose files have changed."""
-
-    run: Name
-    warning_text: str
-
-
 class CompareJson(Output):
     """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
 
@@ -325,16 +318,6 @@ class CompareJson(Output):
     fingers: NotRequired[PlausibleFingersJson]
     phases: NotRequired[list[PhaseJson]]
     warnings: NotRequired[list[RunWarningJson]]
-
-
-def warnings_as_json(runs: Sequence[Run]) -> list[RunWarningJson]:
-    """Return the warnings of damaged, changed and incomplete runs for `--json`."""
-    return [
-        {"run": run.folder.path.name, "warning_text": one}
-        for run in runs
-        for one in (*run.warnings, run.incomplete)
-        if one is not None
-    ]
 
 
 def as_json(

@@ -157,11 +157,13 @@ class RunFolder:
             changed = [name for name in there if name in known and known[name] != _digest(self.path / name)]
         except OSError:
             return []
+        missing = [name for name in self._inputs(known) if not (self.path / name).is_file()]
         unlisted, has = [name for name in there if name not in known], "is missing"
         if (self.path / _SUMS).is_file():
             has = f"has no checksum of {'it' if len(unlisted) == 1 else 'them'}"
         found = [
             (changed, "changed since the run began"),
+            (missing, f"{'is' if len(missing) == 1 else 'are'} missing"),
             (unlisted, f"cannot be verified, since {_SUMS} {has}"),
         ]
         return [

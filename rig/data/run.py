@@ -30,6 +30,13 @@ Event = dict[str, Any]
 Events = Mapping[str, Sequence[Event]]
 
 
+class RunWarningJson(Output):
+    """A run that is incomplete or not as planned, whose journal is damaged, or whose files have changed."""
+
+    run: Name
+    warning_text: str
+
+
 class PackageJson(Output):
     """A package and its version."""
 
@@ -227,7 +234,7 @@ class Run:
             f"{left_out}; put back an undamaged copy if you have one"
         )
 
-    @property
+    @cached_property
     def warnings(self) -> list[str]:
         """Sentences on a damaged journal, files that are not those of the run, and presses that were not planned."""
         return [*filter(None, (self.warning, *self.folder.warnings, pressed_otherwise(self)))]
@@ -261,6 +268,16 @@ class Run:
     @cached_property
     def _last_hold(self) -> dict[int, int]:
         return {start["index"]: start["increments"] for start in self.stream("indentation_start")}
+
+
+def warnings_as_json(runs: Iterable[Run]) -> list[RunWarningJson]:
+    """Return the warnings of damaged, changed and incomplete runs for `--json`."""
+    return [
+        {"run": run.folder.path.name, "warning_text": one}
+        for run in runs
+        for one in (*run.warnings, run.incomplete)
+        if one is not None
+    ]
 
 
 def read_run(path: Path, *, only: Collection[str] | None = None) -> Run:

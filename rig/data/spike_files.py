@@ -54,11 +54,12 @@ class SpikeTrain:
 
 @dataclass(frozen=True)
 class SpikeRecord:
-    """Spikes of a run. Electrode: on the nerve, at a distance from the fingertip."""
+    """Spikes of a run up to `until_s` on its clock. Electrode: on the nerve, at a distance from the fingertip."""
 
     trains: tuple[SpikeTrain, ...]
     seed: int
     path_m: float
+    until_s: float = math.inf
 
     resolution_s: float = 1e-4
     """Step of the simulation; times lie between its steps."""
@@ -82,10 +83,13 @@ def about_columns() -> Mapping[str, str]:
 def write_csv(folder: RunFolder, record: SpikeRecord) -> list[Path]:
     """Write both tables. Times have all of their digits."""
     spikes = [(one.afferent, repr(float(t))) for one in record.trains for t in one.spike_s]
-    rows = [[*values_of(one).values(), len(one.spike_s), record.seed, record.path_m] for one in record.trains]
+    rows = [
+        [*values_of(one).values(), len(one.spike_s), record.seed, record.path_m, record.until_s]
+        for one in record.trains
+    ]
     tables = {
         SPIKES: _as_csv(("afferent", "time_s"), spikes),
-        AFFERENTS: _as_csv((*_ABOUT, "spikes", "seed", "path_m"), rows),
+        AFFERENTS: _as_csv((*_ABOUT, "spikes", "seed", "path_m", "until_s"), rows),
     }
     written = []
     for name, text in tables.items():
@@ -126,7 +130,10 @@ def read_spikes(folder: RunFolder) -> SpikeRecord | None:
             )
             for row in afferents
         )
-        return SpikeRecord(trains, int(afferents[0]["seed"]), float(afferents[0]["path_m"]))
+        first = afferents[0]
+        return SpikeRecord(
+            trains, int(first["seed"]), float(first["path_m"]), float(first.get("until_s") or math.inf)
+        )
     except (OSError, ValueError, KeyError, TypeError, IndexError, csv.Error) as error:
         reason = str(error) or type(error).__name__
         file = f"{SPIKES}.csv"

@@ -359,7 +359,7 @@ def run_spikes(
         _train(afferent, afferents.models[afferent.model].depth_mm, mine, path_m)
         for afferent, mine in zip(afferents, spikes, strict=True)
     ]
-    return SpikeRecord(tuple(trains), seed, path_m)
+    return SpikeRecord(tuple(trains), seed, path_m, run.end_s)
 
 
 def tables_of(

@@ -40,7 +40,7 @@ class ResumeHandler:
         self._behind = True  # until the first missing indentation after the last one that is done
 
     def handle(self, step: Step[E, A], place: PressPlace) -> A:
-        """Return the step's answer, from the journal or from `then`. Raises BadInputError for another press."""
+        """Return the step's answer, from the journal or from `then`. Raises BadInputError if it is another one."""
         self._same.compare(step, place, self._press_mm_s)
         if step.on_resume is ResumeRule.ANSWER:
             return self._answer(step, place)

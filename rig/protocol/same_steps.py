@@ -11,7 +11,7 @@ from typing import Any
 from rig.data.planned_presses import is_alike, planned_steps
 from rig.errors import BadInputError
 from rig.protocol.check import PressPlace
-from rig.protocol.steps import Asked, Journalled, Note, Ramp, Rest, Step
+from rig.protocol.steps import Asked, Checkpoint, Journalled, Note, Ramp, Rest, Step
 from rig.records import Purpose
 
 _NOT_ASKED = ("index", "t_s", "contact_height_mm", "predicted_doi_mm", "predicted_force_gwt")
@@ -55,10 +55,11 @@ class SameSteps(_Comparison):
         super().__init__()
         self._recorded = dict(_recorded(before))
         self._notes = [str(event.get("text", "")) for event in before.stream("note")]
+        self._checkpoints = [str(event.get("name", "")) for event in before.stream("checkpoint")]
         self._rests_s = [float(event["rest_s"]) for event in before.stream("rest") if "rest_s" in event]
 
     def compare(self, step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> None:
-        """Compare a step; raise BadInputError for another press, and list another note or rest.
+        """Compare a step; raise BadInputError for another press or checkpoint, and list another note or rest.
 
         press_mm_s: speed of a press that names none.
         """
@@ -67,6 +68,10 @@ class SameSteps(_Comparison):
                 recorded, asked = self._recorded.get((press.purpose, press.index)), step.asked(place, press_mm_s)
                 if recorded is not None and asked is not None:
                     _refuse_other(recorded, asked, _press(press.purpose, press.index))
+            if isinstance(step, Checkpoint) and self._checkpoints:
+                was = self._checkpoints.pop(0)
+                if was != step.name:
+                    raise _another_run(step.verb, repr(step.name), repr(was))
         if isinstance(step, Note) and self._notes:
             was = self._notes.pop(0)
             if was != step.text:

@@ -745,8 +745,8 @@ class Checkpoint(Step[None, None]):
         state.checkpoints.add(self.name)
         return state.place()
 
-    def asked(self, place: PressPlace, press_mm_s: float) -> None:
-        return None
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        return {"verb": self.verb, "name": self.name}
 
     def execute(self, engine: Engine, expected: None) -> None:
         verbs.checkpoint(engine, self.name)

@@ -65,9 +65,16 @@ def _fired(record: SpikeRecord) -> list[SpikeTrain]:
     return [one for one in record.trains if len(one.spike_s)]
 
 
-def nothing_fired(run: Run, record: SpikeRecord | None) -> str:
-    """Return the sentence of a run whose simulated afferents all stayed silent; empty for any other."""
-    return "" if record is None or not record.trains or _fired(record) else silent_sentence(run, record)
+def no_spikes_drawn(run: Run, record: SpikeRecord | None) -> str:
+    """Return why the page draws no simulated spikes: they are of a part of the run, or none fired; else empty."""
+    if record is None or not record.trains:
+        return ""
+    if record.until_s < run.end_s:
+        return (
+            f"The synthetic spikes beside this run end at {record.until_s:.1f} s; the run went on to {run.end_s:.1f} "
+            "s. They are not drawn: repeat rig nerve."
+        )
+    return "" if _fired(record) else silent_sentence(run, record)
 
 
 def silent_sentence(run: Run, record: SpikeRecord) -> str:

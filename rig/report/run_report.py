@@ -22,7 +22,7 @@ from rig.plan.plan import PredictionCheck, found
 from rig.records import grouped
 from rig.report import run_figures, run_tables
 from rig.report.choice_figure import choice_figures, choice_rows
-from rig.report.nerve_figures import nerve_figures, nothing_fired
+from rig.report.nerve_figures import nerve_figures, no_spikes_drawn
 from rig.report.page_parts import figures_of, render
 from rig.report.plot import Plot
 from rig.report.run_figures import (
@@ -129,7 +129,7 @@ def _write_page(
         scheduled=run_tables.scheduled(run),
         conditions=grouped(run_tables.condition_rows(run, found), key=lambda row: row.group),
         figures=[*run_page_figures(run, found), *further],
-        nothing_fired=nothing_fired(run, read_spikes(run.folder)),
+        no_spikes_drawn=no_spikes_drawn(run, read_spikes(run.folder)),
         choices=choice_rows(run),
         verdict=verdict_of(run),
         why_ended=WHY_ENDED,
@@ -168,7 +168,7 @@ def run_page_figures(run: Run, found: list[PredictedHold]) -> list[Plot]:
         *figures_of(groups, run_figures.GROUPS_A_PAGE, lambda part: run_figures.force_depth(run, dict(part))),
         *_contact_figures(run, found),
         *_population_figures(found),
-        *(nerve_figures(run, spikes) if spikes else ()),
+        *(nerve_figures(run, spikes) if spikes and not no_spikes_drawn(run, spikes) else ()),
     ]
 
 

@@ -302,6 +302,17 @@ def test_the_command_writes_files_and_figures(run: Run, program: Program) -> Non
     assert not run.folder.changed()
 
 
+@pytest.mark.parametrize("command", ["show", "export --csv", f"nerve --afferents {AFFERENTS}"])
+def test_an_answer_names_what_is_wrong_with_its_run(run: Run, program: Program, command: str) -> None:
+    (run.folder.path / "protocol.py").unlink()
+    name, *options = command.split()
+    ended = program(name, str(run.folder.path), *options, "--json")
+    assert ended.code == 0, ended.err
+    (warning,) = ended.json["warnings"]
+    assert warning["run"] == run.folder.path.name
+    assert "protocol.py is missing" in warning["warning_text"]
+
+
 @pytest.mark.usefixtures("cheap")
 def test_spikes_become_rates(run: Run, config: Config, finger: Fingertip) -> None:
     """What `rig compare --recorded bar:3.0=synthetic_spikes.nwb#0` reads: counts in the holds, at each position."""

@@ -54,6 +54,7 @@ def run(rig):
     rig.zero()
     rig.note(either("note", "a note", "another"))
     rig.reference(x_mm=either("reference", 0.0, 0.2), doi_mm=0.2, hold_s=0.1)
+    rig.checkpoint(either("checkpoint", "a", "b"))
     rig.move_to(x_mm=either("touch", 0.0, 0.2))
     rig.touch()
     rig.move_to(x_mm=0.0)
@@ -81,6 +82,7 @@ def run(rig):
     for _ in range(either("no later rest", 1, 0)):
         rig.rest(either("later rest", 0.5, 3.0))
     rig.note(either("later note", "the last", "another"))
+    rig.checkpoint(either("later checkpoint", "c", "d"))
     rig.move_to(x_mm=either("later x", 0.5, 0.51))
     for _ in range(either("no later retract", 1, 0)):
         rig.retract()
@@ -96,11 +98,13 @@ def run(rig):
 OTHER = (
     *("x", "order of places", "shape", "depth", "depth or force", "own or usual speed", "increments", "hold"),
     *("verb", "block", "condition or none", "preconditioning", "reference", "touch"),
+    "checkpoint",
 )
 """What the script does otherwise in its second pass, in a press that the journal has."""
 LATER = {
     "later x": ("data press index 6: ", "x_mm = 0.51, ", "x_mm = 0.5, "),
     "later condition": ("data press index 6: ", "condition = b, ", "condition = None, "),
+    "later checkpoint": ("checkpoint(): ", "name = d, ", "name = c, "),
     "later hold": ("data press index 6: ", "hold_s = 0.3, ", "hold_s = 0.1, "),
     "later speed": ("data press index 6: ", "speed_mm_s = 0.2, "),
     "no later retract": ("asks for data press index 6, ", "the run has retract()"),

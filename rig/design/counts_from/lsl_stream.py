@@ -8,6 +8,7 @@ from rig.design.counts_from.source import MadePress
 from rig.errors import CountError
 
 FIND_S = 5.0
+_SECOND_S = 1.0  # for a second stream of the same name
 _MOST = 1024
 _CHANNELS = 2
 
@@ -54,6 +55,13 @@ def opened(name: str) -> LslCounts:
     found = pylsl.resolve_byprop("name", name, timeout=FIND_S)
     if not found:
         raise CountError(f"counts=lsl:{name}: no such stream within {FIND_S:g} s; start it first", "no_stream")
+    found = pylsl.resolve_byprop("name", name, minimum=2, timeout=_SECOND_S) or found
+    if len({stream.uid() for stream in found}) > 1:
+        hosts = ", ".join(sorted({stream.hostname() for stream in found}))
+        raise CountError(
+            f"counts=lsl:{name}: {len(found)} streams have this name, on {hosts}; give yours a name of its own",
+            "several_streams",
+        )
     channels = found[0].channel_count()
     if channels != _CHANNELS:
         raise CountError(

@@ -22,7 +22,7 @@ from rig.design.design import Design
 from rig.design.design_text import bound_name, headline, history_line, separation_line
 from rig.report import profile_figures, verdict_figures
 from rig.report.measure_colors import color_of
-from rig.report.nerve_figures import nerve_figures, nothing_fired, pressed, rate_panels
+from rig.report.nerve_figures import nerve_figures, no_spikes_drawn, pressed, rate_panels
 from rig.report.run_report import write_report
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -270,8 +270,15 @@ def test_the_mean_of_a_class_counts_its_silent_afferents(bar_run: Run) -> None:
 def test_where_nothing_fired_there_is_a_sentence_and_no_figure(bar_run: Run) -> None:
     record = _trains(bar_run, ())
     assert nerve_figures(bar_run, record) == []
-    assert nothing_fired(bar_run, record) == "None of 6 simulated afferents fired in 6 presses."
-    assert nothing_fired(bar_run, _trains(bar_run, ("SA1",))) == ""
+    assert no_spikes_drawn(bar_run, record) == "None of 6 simulated afferents fired in 6 presses."
+    assert no_spikes_drawn(bar_run, _trains(bar_run, ("SA1",))) == ""
+
+
+def test_spikes_of_a_part_of_the_run_are_not_drawn(bar_run: Run) -> None:
+    """A resumed run went on after `rig nerve`."""
+    record = replace(_trains(bar_run, ("SA1",)), until_s=bar_run.end_s - 30.0)
+    assert "repeat rig nerve" in no_spikes_drawn(bar_run, record)
+    assert no_spikes_drawn(bar_run, replace(record, until_s=bar_run.end_s)) == ""
 
 
 def test_only_what_fired_is_drawn_and_the_rest_is_said(bar_run: Run) -> None:

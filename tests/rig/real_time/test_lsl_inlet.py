@@ -119,3 +119,23 @@ def test_counts_of_a_stream_are_taken_in_and_wrong_ones_are_errors(
     lab = begun("-c", COUNTS)
     assert lab.stdout is not None
     assert json.loads(lab.stdout.readline()) == [7, "bad_count", 12, "bad_count"]
+
+
+TWO = """\
+import pylsl
+from rig.design.counts_from.lsl_stream import opened
+from rig.errors import CountError
+
+info = [pylsl.StreamInfo("counts", "Counts", 2, pylsl.IRREGULAR_RATE, "double64", rig) for rig in ("mine", "other")]
+outlets = [pylsl.StreamOutlet(one) for one in info]
+try:
+    opened("counts")
+except CountError as error:
+    print(error.code, flush=True)
+"""
+
+
+def test_of_two_streams_of_one_name_neither_is_taken(begun: Callable[..., "subprocess.Popen[str]"]) -> None:
+    lab = begun("-c", TWO)
+    assert lab.stdout is not None
+    assert lab.stdout.readline() == "several_streams\n"
