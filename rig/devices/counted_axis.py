@@ -30,6 +30,7 @@ from rig.devices.base import (
     next_look_s,
 )
 from rig.settings import SLOWEST_MM_S, BenchSettings
+from rig.transport import TransportError
 
 POLL_S, ALARM_S = 0.02, 0.25
 """Poll interval near the end of a motion, and longest time between polls for alarms before that (s)."""
@@ -57,6 +58,7 @@ LOCKED = (FaultKind.ALARM, FaultKind.DISABLED)
 UNTRUSTED = (*LOCKED, FaultKind.LOST, FaultKind.DISPLACED)
 BEFORE_MOVE = (*UNTRUSTED, FaultKind.HELD)
 UNDER_WAY = (*BEFORE_MOVE, FaultKind.OVERRIDDEN)
+CLEAR_ALARM = "remove the cause, switch its controller off and on, and start the command again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,10 @@ class Fault:
     def error(self, label: str) -> StageError:
         """Return the error for this fault."""
         match self.kind:
-            case FaultKind.ALARM | FaultKind.DISPLACED:
-                return StageAlarm(self.number, f"{label}: {self.words}")
+            case FaultKind.ALARM:
+                return StageAlarm(self.number, f"{label}: {self.words}; {CLEAR_ALARM}")
+            case FaultKind.DISPLACED:
+                return StageAlarm(self.number, f"{label}: {self.words}; remove the cause, and home again")
             case FaultKind.DISABLED:
                 return StageError(f"{label} {self.words}", "not_enabled")
             case FaultKind.LOST:
@@ -526,11 +530,12 @@ class CountedAxis(ABC, Generic[L]):
 
     def _come_to_rest(self, most_s: float, *, halting: bool) -> None:
         begun_s = self._clock.monotonic_s()
-        sent_s = -math.inf if halting else begun_s
+        sent_s = None if halting else begun_s
         problem: StageError | None = None
         while (now_s := self._clock.monotonic_s()) < begun_s + most_s:
             try:
-                if problem is not None or self.sends_again(now_s - begun_s, now_s - sent_s, halting=halting):
+                if sent_s is None or self.sends_again(now_s - begun_s, now_s - sent_s, halting=halting):
+                    sent_s = None
                     self.send_stop(now_s - begun_s, halting=halting)
                     sent_s = now_s
                 if self.rests():
@@ -538,6 +543,8 @@ class CountedAxis(ABC, Generic[L]):
                 problem = None
             except StageError as error:
                 problem = error
+                if not halting:  # The first stop was not confirmed; a halt was, unless it failed itself.
+                    sent_s = None
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(
             f"{self.label} still moves {most_s:g} s after a stop; use the emergency stop", "still_runs"
@@ -590,6 +597,7 @@ class TwoAxisStage(Stage, Generic[A]):
         self._overrun_mm = {axis: 2 * settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xz"}
         self._y_mm = settings.frame.pad_y_mm
         self._trusted = False
+        self._moved = "z"  # in the present motion, or the last one
         self._times_stopped = 0  # counted from any thread
 
     @property
@@ -625,6 +633,7 @@ class TwoAxisStage(Stage, Generic[A]):
         for axis in (z, x):
             axis.before_homing()
         for axis, other in ((z, x), (x, z)):
+            self._moved = axis.name
             try:
                 for _ in axis.homing(keep_on, other):
                     yield None
@@ -632,7 +641,7 @@ class TwoAxisStage(Stage, Generic[A]):
                 self._send_stop()
                 self._confirm_idle(other)
                 raise
-        self._trusted = keep_on()
+        self._moved, self._trusted = "z", keep_on()
 
     def moving(
         self,
@@ -657,6 +666,7 @@ class TwoAxisStage(Stage, Generic[A]):
             raise self._not_homed()
 
         def looks() -> Iterator[Look]:
+            self._moved = axis.name
             self._prepare_motion()
             for stop_mm in self._stops(name, target_mm):
                 yield from axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s)
@@ -666,14 +676,13 @@ class TwoAxisStage(Stage, Generic[A]):
                 yield self._status({name: look})
         except (StageHeld, StageOverridden):
             raise
-        except StageError:
+        except (StageError, TransportError):
             self._trusted = False
             raise
 
     def halt(self) -> None:
-        """Stop each axis at its acceleration; no step is lost. Raises StageError."""
-        for axis in self._up_first():
-            axis.halt()
+        """Stop each axis at its acceleration; no step is lost. Raises StageError, TransportError."""
+        self._at_each(lambda axis: axis.halt())
 
     def steps_per_mm(self, axis: Axis) -> float:
         """Return the native steps per mm. Raises StageError for y."""
@@ -687,21 +696,22 @@ class TwoAxisStage(Stage, Generic[A]):
         moves, keep_on = self._axis(axis), self._until_stopped()
         moves.native_speed(speed_mm_s)
         refuse_not_finite("by_mm", by_mm)
+        self._moved = axis
         self._prepare_motion()
         moves.jog(by_mm, speed_mm_s, keep_on, trusted=self._trusted)
 
     def stop(self) -> None:
         """Stop both axes at once, past every wait, and confirm it.
 
-        The stop is verified, and repeated, for up to 1 s. Raises StageError if an axis does not come to rest,
+        The stop is verified, and repeated, for up to 1 s an axis. Raises StageError if an axis does not come to rest,
         TransportError.
         """
         self._times_stopped += 1
         self._trusted = False
-        self._send_stop()
-        problems = [problem for axis in self._up_first() if (problem := unconfirmed(axis))]
-        if problems:
-            raise problems[0]
+        try:
+            self._send_stop()
+        finally:
+            self._at_each(lambda axis: axis.confirm_stopped())
 
     def unlock(self) -> None:
         """Clear the alarms of both axes; the position stays untrusted. Raises StageError."""
@@ -719,8 +729,18 @@ class TwoAxisStage(Stage, Generic[A]):
 
     def _send_stop(self) -> None:
         """Send a stop to both drives past every wait. Raises TransportError."""
-        for axis in self._up_first():
-            axis.stop_now()
+        self._at_each(lambda axis: axis.stop_now())
+
+    def _at_each(self, act: Callable[[A], None]) -> None:
+        """Call a function for both axes, first for the one that moves; raise the first error after both calls."""
+        problems = list[StageError | TransportError]()
+        for axis in sorted(self._axes.values(), key=lambda axis: axis.name != self._moved):
+            try:
+                act(axis)
+            except (StageError, TransportError) as problem:
+                problems.append(problem)
+        if problems:
+            raise problems[0]
 
     def _confirm_idle(self, axis: A) -> None:
         """Confirm the stop of the axis that did not home, where a bit error may have started it."""
@@ -787,12 +807,3 @@ def _one_axis(
             "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line", "not_one_axis"
         )
     return next(iter(moves.items()), (None, set_y_mm))
-
-
-def unconfirmed(axis: CountedAxis[Any]) -> StageError | None:
-    """Return why a stop was not confirmed, or None."""
-    try:
-        axis.confirm_stopped()
-    except StageError as problem:
-        return problem
-    return None

@@ -1,9 +1,11 @@
 """Stage with two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
 
+from contextlib import suppress
+
 from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
 from rig.devices.base import Stage, StageError
-from rig.devices.counted_axis import AxisSpec, TwoAxisStage, unconfirmed
+from rig.devices.counted_axis import AxisSpec, TwoAxisStage
 from rig.devices.drive_link import both_answer
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.devices.registry import Evidence, Opener, StageKind
@@ -71,7 +73,8 @@ class LeadshineStage(TwoAxisStage[LeadshineDrive]):
             z.link.send_now([z.device_id, x.device_id], reg.TRIGGER, reg.QUICK_STOP)
 
     def _confirm_idle(self, axis: LeadshineDrive) -> None:
-        unconfirmed(axis)
+        with suppress(StageError):
+            axis.confirm_stopped()
 
     def _prepare_motion(self) -> None:
         """Disarm both before either moves, since a bit error in the address reaches the other one."""

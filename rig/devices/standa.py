@@ -193,13 +193,13 @@ class StandaAxis(CountedAxis[StandaLook]):
         if self._alarms:
             bits = [1 << bit for bit in range(self._alarms.bit_length()) if self._alarms >> bit & 1]
             names = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
-            yield Fault(FaultKind.ALARM, names, "remove the cause, see its manual")
+            yield Fault(FaultKind.ALARM, names, "see its manual")
         if not status.flags & HOMED or status.power == frames.POWER_OFF:
             yield LOST
         far = "left" if self._settings.home == "right" else "right"
         if self._displaced or status.inputs & EDGE[far]:  # It lies outside the travel.
             kind = FaultKind.ALARM if self._displaced else FaultKind.DISPLACED
-            yield Fault(kind, f"{far.upper()}_EDGE", "remove the cause, see its manual")
+            yield Fault(kind, f"{far.upper()}_EDGE", f"unexpected {far} limit switch")
         command = status.command & frames.COMMAND
         if status.inputs & BUTTONS or (status.busy and command in (frames.LEFT, frames.RIGHT)):
             yield HELD

@@ -72,11 +72,12 @@ class TmclAxis(CountedAxis[TmclLook]):
         self._flags = {number: 0 for number in (units.lost_steps_parameter, units.fault_parameter) if number}
         self._max_speed: int | None = None  # what the module must report; None: not known
         self._target: int | None = None  # of the motion under way
+        self._lost: Fault | None = None  # since the last homing
 
     # --- settings ---
 
     def identify(self) -> str:
-        self._max_speed = self._target = None
+        self._max_speed = self._target = self._lost = None
         version = self.link.version(self.motor)
         return f"TMCL module {self.motor.address}, motor {self.motor.number}, firmware {version}"
 
@@ -133,14 +134,20 @@ class TmclAxis(CountedAxis[TmclLook]):
         return again == once and not (speed or search)
 
     def halt(self) -> None:
+        """Slow down to rest, and note a module that was switched off before it is disarmed. Raises StageError."""
         super().halt()
+        found, expected = self._number(MAX_SPEED), self._max_speed or 0
+        if found != expected:
+            self._lost = _lost(found, expected)
         self._disarm()
 
     def stop_now(self) -> None:
         self.link.send_now([self.motor])
 
     def before_homing(self) -> None:
-        self._target = None
+        """Disarm, and leave a target that an earlier program left, which the speed of the search would start."""
+        self._target = self._lost = None
+        self.link.command(self.motor, MST)
         self._disarm()
 
     def aim_home(self) -> None:
@@ -212,12 +219,9 @@ class TmclAxis(CountedAxis[TmclLook]):
         # A standing axis that this driver has homed has maximum speed 0; one that was switched off has another.
         expected = found[MAX_SPEED] if busy and self._max_speed is None else self._max_speed or 0
         if found[MAX_SPEED] != expected != self._number(MAX_SPEED):
-            yield Fault(
-                FaultKind.LOST,
-                MAX_SPEED,
-                f"has maximum speed {found[MAX_SPEED]}, was set to {expected}; the module was switched off, or "
-                "another program uses it",
-            )
+            yield _lost(found[MAX_SPEED], expected)
+        elif self._lost is not None:
+            yield self._lost
         if self._target not in (None, found[TARGET]):
             yield Fault(FaultKind.OVERRIDDEN, TARGET, "another program has changed the target")
 
@@ -245,6 +249,11 @@ class TmclAxis(CountedAxis[TmclLook]):
 
     def _number(self, parameter: int) -> int:
         return self.link.ask(self.motor, (parameter,))[0][0]
+
+
+def _lost(found: int, expected: int) -> Fault:
+    why = "the module was switched off, or another program uses it"
+    return Fault(FaultKind.LOST, MAX_SPEED, f"has maximum speed {found}, was set to {expected}; {why}")
 
 
 def _name(parameter: int) -> str:
