@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -29,6 +29,7 @@ from rig.devices.base import (
     StageTimeout,
     next_look_s,
 )
+from rig.devices.drive_link import Link
 from rig.settings import SLOWEST_MM_S, BenchSettings
 from rig.transport import TransportError
 
@@ -149,16 +150,6 @@ class WayHome:
         if at_switch or self._highest_mm >= self.TOWARDS_MM:
             self._most_mm = self.AFTER_MM
         return self._highest_mm - self._up_mm > self._most_mm
-
-
-class Link(Protocol):
-    """Port of one or several drives."""
-
-    name: str
-
-    def close(self) -> None:
-        """Close the port."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

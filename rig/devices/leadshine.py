@@ -6,7 +6,7 @@ from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
 from rig.devices.base import Stage, StageError
 from rig.devices.counted_axis import AxisSpec, TwoAxisStage
-from rig.devices.drive_link import both_answer
+from rig.devices.drive_link import both_answer, opened
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DrivesSettings, StageSettings
@@ -85,7 +85,10 @@ class LeadshineStage(TwoAxisStage[LeadshineDrive]):
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
     stage = settings.stage
-    buses = _buses(opener, clock, stage)
+    buses = opened(
+        _ports(stage),
+        lambda port: ModbusMaster.on_port(opener(port), clock, port, framing=stage.framing, baud=stage.baud),
+    )
     x, z = (
         LeadshineDrive(
             buses[drive.port or stage.port],
@@ -105,19 +108,6 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
 def _ports(stage: StageSettings) -> tuple[str, ...]:
     """Return the ports of the drives."""
     return tuple(dict.fromkeys(drive.port or stage.port for drive in (stage.drives.x, stage.drives.z)))
-
-
-def _buses(opener: Opener, clock: Clock, stage: StageSettings) -> dict[str, ModbusMaster]:
-    """Open the ports; close all of them if one does not open."""
-    buses: dict[str, ModbusMaster] = {}
-    try:
-        for port in _ports(stage):
-            buses[port] = ModbusMaster.on_port(opener(port), clock, port, framing=stage.framing, baud=stage.baud)
-    except BaseException:
-        for bus in buses.values():
-            bus.close()
-        raise
-    return buses
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:

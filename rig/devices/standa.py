@@ -28,6 +28,7 @@ from rig.devices.counted_axis import (
     Setting,
     TwoAxisStage,
 )
+from rig.devices.drive_link import opened
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import AxisStatus, StandaLink
 from rig.settings import BenchSettings, StageSettings, StandaAxisSettings, StandaSettings
@@ -243,17 +244,10 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
             f"stage.port and stage.standa.x_port are both {stage.port}; every controller has a port of its own",
             "one_port_for_two",
         )
-    links: list[StandaLink] = []
-    try:
-        for port in _ports(stage):
-            links.append(StandaLink(opener(port), clock))
-    except BaseException:
-        for link in links:
-            link.close()
-        raise
+    links = opened(_ports(stage), lambda port: StandaLink(opener(port), clock))
     z, x = (
-        StandaAxis(link, clock, AxisSpec.of(settings, name, steps_per_mm(stage, name)), axis)
-        for link, (name, axis) in zip(links, (("z", own.z), ("x", own.x)), strict=True)
+        StandaAxis(links[port], clock, AxisSpec.of(settings, name, steps_per_mm(stage, name)), axis)
+        for port, name, axis in ((stage.port, "z", own.z), (own.x_port, "x", own.x))
     )
     return StandaStage(x, z, settings)
 
