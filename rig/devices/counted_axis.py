@@ -124,10 +124,13 @@ def travel_s(mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
     return mm / speed_mm_s + ramp_s
 
 
-def refuse_not_finite(name: str, value: float) -> None:
-    """Raise MoveError for a number that is not finite."""
-    if not math.isfinite(value):
-        raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
+def refuse_numbers(target: Mapping[str, float | None], speed_mm_s: float) -> None:
+    """Raise MoveError for a number that is not finite, and for a speed below the slowest."""
+    for name, value in {**target, "speed_mm_s": speed_mm_s}.items():
+        if value is not None and not math.isfinite(value):
+            raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
+    if speed_mm_s < SLOWEST_MM_S:
+        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
 
 
 class WayHome:
@@ -685,8 +688,8 @@ class TwoAxisStage(Stage, Generic[A]):
         Raises StageError; MoveError before any byte.
         """
         moves, keep_on = self._axis(axis), self._until_stopped()
+        refuse_numbers({"by_mm": by_mm}, speed_mm_s)
         moves.native_speed(speed_mm_s)
-        refuse_not_finite("by_mm", by_mm)
         self._moved = axis
         self._prepare_motion()
         moves.jog(by_mm, speed_mm_s, keep_on, trusted=self._trusted)
@@ -785,11 +788,7 @@ def _one_axis(
 
     Raises MoveError for two axes at once, another y, a speed below the slowest, and numbers that are not finite.
     """
-    for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("z_mm", z_mm), ("speed_mm_s", speed_mm_s)):
-        if value is not None:
-            refuse_not_finite(name, value)
-    if speed_mm_s < SLOWEST_MM_S:
-        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
+    refuse_numbers({"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}, speed_mm_s)
     if y_mm is not None and abs(y_mm - set_y_mm) > _SAME_PLACE_MM:
         raise MoveError(f"y_mm must be {set_y_mm:g}, the position set by hand, got {y_mm:g}", "set_by_hand")
     moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}

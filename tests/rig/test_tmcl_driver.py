@@ -124,6 +124,14 @@ def test_each_parameter_gets_its_own_value_whatever_happens_to_one_reply(number:
         assert link.ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
 
 
+def test_a_command_with_a_wrong_checksum_is_refused_at_once_whatever_command_the_module_read() -> None:
+    wire, link = linked(only(1, lambda reply: [sealed(reply[:2] + b"\x01\x24" + reply[4:8])]))
+    begun_s = wire.clock.monotonic_s()
+    with raises(StageRejected, "line_refused", number=1):
+        link.command(Z, MVP, 0, 1000)
+    assert wire.clock.monotonic_s() - begun_s < 0.1
+
+
 def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
     """Each 0.25 s late: after the module was given up."""
     clock = VirtualClock(0.0, 100.0)
