@@ -270,6 +270,14 @@ def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, A
         bench.stage.connect()
 
 
+@pytest.mark.parametrize("kind", ["zaber", "standa"])
+def test_an_acceleration_of_0_is_as_fast_as_a_zaber_axis_can_and_none_of_a_standa_axis(kind: str) -> None:
+    bench, devices = _bench(kind, homed=False)
+    _accelerates(kind, devices.z, 0)
+    with raises(StageError, "not_as_configured", axis="z", found=0) if kind == "standa" else nullcontext():
+        bench.stage.connect()
+
+
 def _motions(bench: StageBench) -> list[bytes]:
     """What was commanded that moves an axis, or says how fast."""
     words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
@@ -774,15 +782,20 @@ TWO_PORTS = [kind for kind in BUILT_IN["stage"] if find(StageKind, kind).ports i
 @pytest.mark.parametrize("dead", ["x", "z"])
 @pytest.mark.parametrize("how", ["cut", "silent"])
 @pytest.mark.parametrize("verb", ["stop", "halt", "end_jog"])
-def test_a_dead_port_keeps_no_stop_from_the_other_axis(kind: str, dead: str, how: str, verb: str) -> None:
+@pytest.mark.parametrize("jogs", [True, False])
+def test_a_dead_port_keeps_no_stop_from_the_other_axis(kind: str, dead: str, how: str, verb: str, jogs: bool) -> None:
     """It stops within the time of its own ramp, whatever the dead one takes."""
     bench = bench_of(kind)
     x, z = (bench.stage._axes[name] for name in ("x", "z"))  # type: ignore[attr-defined]
     if x.link is z.link:  # The twin has both drives on one line.
         x.link = copy(z.link)
         x.link._transport = copy(z.link._transport)
-    moves = "z" if dead == "x" else "x"
-    next(bench.stage.moving(**{f"{moves}_mm": -8.0}, speed_mm_s=2.0))  # type: ignore[arg-type]
+    moves: Any = "z" if dead == "x" else "x"
+    if jogs:
+        bench.stage.jog(moves, -8.0, 2.0)
+        bench.clock.wait_s(0.1)
+    else:
+        next(bench.stage.moving(**{f"{moves}_mm": -8.0}, speed_mm_s=2.0))
     axis, link = getattr(bench.devices, moves), bench.stage._axes[dead].link  # type: ignore[attr-defined]
     assert axis.busy
     if how == "cut":
