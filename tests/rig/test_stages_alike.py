@@ -139,6 +139,15 @@ def test_a_stage_homes_and_moves_without_a_connection(kind: str) -> None:
     assert bench.stage.status() == bench.device.arrived
 
 
+@every_kind
+def test_a_move_is_not_looked_at_just_before_its_end(kind: str) -> None:
+    """A look costs an exchange, and the arrival is looked at anyway."""
+    bench, devices = _bench(kind)
+    looks = bench.stage.moving(z_mm=-0.4, speed_mm_s=4.0, look_s=0.15)  # It takes about 0.18 s.
+    assert not [look for look in looks if look is not None and look.state == "Run"]
+    assert not devices.z.busy
+
+
 def _steps(axis: str, per_mm: float) -> dict[str, Any]:
     """A measured length of a microstep."""
     return {f"{axis}_steps_per_mm": {"value": per_mm, "date": "2026-01-01", "expires": "2027-01-01"}}

@@ -239,6 +239,24 @@ def test_a_move_whose_target_or_speed_another_program_changes_is_stopped(paramet
     assert bench.stands()
 
 
+def test_a_jog_whose_start_was_not_confirmed_is_no_reset() -> None:
+    """The axis moves, at a speed that is not known to be set."""
+    bench = counted.bench_of("tmcl")
+    line = bench.lines[0]
+    write, say = line.host_write, line.device_write
+
+    def writing(data: bytes) -> None:
+        armed = data[1:3] == b"\x05\x04" and any(data[4:8])
+        line.device_write = (lambda data: None) if armed else say  # type: ignore[method-assign]
+        write(data)
+
+    line.host_write = writing  # type: ignore[method-assign]
+    with raises(StageTimeout, "no_reply"):
+        bench.stage.jog("z", -2.0, 2.0)
+    assert bench.stage.status().state == "Run"
+    assert bench.stage.homed
+
+
 def test_an_axis_at_a_limit_switch_can_jog_off_it() -> None:
     bench = StageBench(module.DEVICE)
     bench.wire.instead[b"z GAP 10"] = b"100 1"
