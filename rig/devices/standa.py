@@ -86,13 +86,13 @@ class StandaAxis(CountedAxis[StandaLook]):
         super().__init__(link, clock, spec, acceleration_unit=1 / settings.microsteps)
         self.microsteps, self._settings = settings.microsteps, settings
         self.serial: int | None = None  # of the connected controller
-        self._ramps: tuple[int, int] | None = None
+        self._ramps: tuple[int, ...] = ()
         self._alarms, self._displaced = 0, False
 
     # --- settings ---
 
     def identify(self) -> str:
-        self._ramps = None
+        self._ramps = ()
         (self.serial,) = self.link.ask("gser", frames.SERIAL)
         if self._settings.serial is None and may_be_renamed(self.link.name):
             raise StageError(
@@ -122,11 +122,10 @@ class StandaAxis(CountedAxis[StandaLook]):
         up, down = self._ramp()
         yield from self.accelerations({"Accel of the controller": up, "Decel of the controller": down})
 
-    def _ramp(self) -> tuple[int, int]:
+    def _ramp(self) -> tuple[int, ...]:
         """Return acceleration and deceleration of the controller, in full steps/s²."""
-        if self._ramps is None:
-            _, _, up, down, *_ = self.link.ask("gmov", frames.SPEED)
-            self._ramps = up, down
+        if not self._ramps:
+            self._ramps = self.link.ask("gmov", frames.SPEED)[2:4]
         return self._ramps
 
     # --- motion ---
