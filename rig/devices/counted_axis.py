@@ -8,6 +8,7 @@ stop, to home and to limit its travel.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
@@ -279,8 +280,7 @@ class CountedAxis(ABC, Generic[L]):
         ...
 
     def end_search(self) -> None:
-        """End a search that goes the wrong way."""
-        self.stop_now()
+        """End a search that a stop does not end. Raises StageError."""
 
     def refuse_moving(self) -> None:
         """Refuse an axis that moves while another one homes. Raises StageError."""
@@ -486,7 +486,6 @@ class CountedAxis(ABC, Generic[L]):
                 up_mm = found.up_mm_s * (now_s - before_s)
             before, before_s = found.position, now_s
             if found.at_switch is not None and way.is_wrong(up_mm, at_switch=found.at_switch):
-                self.end_search()
                 raise StageError(
                     f"{self.label} moves away from home while homing; check the settings of the controller, and its "
                     "limit switches",
@@ -631,8 +630,11 @@ class TwoAxisStage(Stage, Generic[A]):
             try:
                 for _ in axis.homing(keep_on, other):
                     yield None
-            except StageError:
-                self._send_stop()
+            except (StageError, TransportError):
+                with suppress(StageError, TransportError):
+                    axis.end_search()
+                with suppress(TransportError):
+                    self._send_stop()
                 self._confirm_idle(other)
                 raise
         self._moved, self._trusted = "z", keep_on()

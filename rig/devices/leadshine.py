@@ -10,6 +10,7 @@ from rig.devices.drive_link import both_answer, opened
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DrivesSettings, StageSettings
+from rig.transport import TransportError
 from rig.transport.modbus import ModbusError, ModbusMaster
 from rig.transport.ports import may_be_renamed
 
@@ -73,7 +74,7 @@ class LeadshineStage(TwoAxisStage[LeadshineDrive]):
             z.link.send_now([z.device_id, x.device_id], reg.TRIGGER, reg.QUICK_STOP)
 
     def _confirm_idle(self, axis: LeadshineDrive) -> None:
-        with suppress(StageError):
+        with suppress(StageError, TransportError):
             axis.confirm_stopped()
 
     def _prepare_motion(self) -> None:

@@ -422,6 +422,24 @@ def test_homing_that_fails_sends_a_stop_to_both_axes(kind: str) -> None:
 
 
 @every_kind
+@pytest.mark.parametrize("name", ["z", "x"])
+@pytest.mark.parametrize("error", [StageAlarm("", "a fault at which the axis moves on"), TransportError("noise")])
+def test_homing_that_fails_leaves_no_axis_in_motion(kind: str, name: str, error: StageError | TransportError) -> None:
+    """Not even where a stop does not end a search."""
+    bench = bench_of(kind, homed=False)
+    axis: Any = bench.stage._axes[name]  # type: ignore[attr-defined]
+    looks = bench.stage.homing()
+    while not getattr(bench.devices, name).busy:
+        next(looks)
+    axis.refuse = raising(error)
+    with pytest.raises(type(error)):
+        list(looks)
+    bench.clock.wait_s(0.3)
+    assert bench.stands()
+    assert not bench.stage.homed
+
+
+@every_kind
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
