@@ -170,6 +170,9 @@ class TmclAxis(CountedAxis[TmclLook]):
         return found.searching
 
     def not_home(self, found: TmclLook) -> str | None:
+        for fault in found.faults:
+            if fault.kind is FaultKind.LOST:
+                return f"it {fault.words}"
         if abs(self.mm(found)) <= HOMED_WITHIN_MM:
             return None
         return f"it is at position {found.position}; check search_mode"
@@ -190,7 +193,7 @@ class TmclAxis(CountedAxis[TmclLook]):
         for number in self._flags:
             self._flags[number] |= found[number]
         busy = found[SPEED] != 0 or search != 0
-        if not busy and self._target == found[POSITION]:
+        if not busy and self._target == found[POSITION] and self._max_speed == found[MAX_SPEED]:
             self._target = None
             self._disarm()
             found[MAX_SPEED] = 0

@@ -440,6 +440,21 @@ def test_homing_that_fails_leaves_no_axis_in_motion(kind: str, name: str, error:
 
 
 @every_kind
+@pytest.mark.parametrize("name", ["z", "x"])
+def test_devices_that_are_switched_off_while_they_home_are_not_home(kind: str, name: str) -> None:
+    """They count from 0 where they stand."""
+    bench = bench_of(kind, homed=False)
+    looks = bench.stage.homing()
+    while not getattr(bench.devices, name).busy:
+        next(looks)
+    next(looks)
+    bench.devices.power_cycle()
+    with raises(StageError, "not_over" if kind == "leadshine" else "did_not_home", axis=name):
+        list(looks)
+    assert not bench.stage.homed
+
+
+@every_kind
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
@@ -766,12 +781,21 @@ def _moved_at_the_speed_of_power_on(bench: Bench) -> None:
     bench.stage.halt()
 
 
+def _moved_to_0(bench: Bench) -> None:
+    """The target is the count at power-on; x is on another supply."""
+    looks = bench.stage.moving(z_mm=0.0, speed_mm_s=2.0)
+    next(looks)
+    bench.devices.z.power_cycle()
+    list(looks)
+
+
+OFF_UNDER_WAY = [_moved_then_halted, _jogged_then_halted, _moved_at_the_speed_of_power_on, _moved_to_0]
+
+
 @every_kind
-@pytest.mark.parametrize("act", [_moved_then_halted, _jogged_then_halted, _moved_at_the_speed_of_power_on])
-def test_devices_that_were_switched_off_under_way_are_not_trusted_after_a_halt(
-    kind: str, act: Callable[[Bench], None]
-) -> None:
-    """They count from 0 where they stand; the halt may come before any poll, as after a force."""
+@pytest.mark.parametrize("act", OFF_UNDER_WAY)
+def test_devices_that_were_switched_off_under_way_are_not_trusted(kind: str, act: Callable[[Bench], None]) -> None:
+    """They count from 0 where they stand; a halt may come before any poll, as after a force."""
     bench = bench_of(kind)
     bench.stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
     with suppress(StageError):
@@ -779,6 +803,7 @@ def test_devices_that_were_switched_off_under_way_are_not_trusted_after_a_halt(
     with raises(StageReset, "was_reset") if bench.stage.homed else nullcontext():
         assert not bench.stage.status().referenced
     assert not bench.stage.homed
+    bench.clock.wait_s(0.1)
     bench.stage.home()
     assert bench.stage.status().referenced
 
