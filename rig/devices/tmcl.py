@@ -118,7 +118,6 @@ class TmclAxis(CountedAxis[TmclLook]):
     def send_stop(self, after_s: float, *, halting: bool) -> None:
         if not halting:
             self._max_speed = None
-        self._target = None
         self.link.command(self.motor, MST)
 
     def rests(self) -> bool:

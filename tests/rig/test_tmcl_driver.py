@@ -132,6 +132,19 @@ def test_a_command_with_a_wrong_checksum_is_refused_at_once_whatever_command_the
     assert wire.clock.monotonic_s() - begun_s < 0.1
 
 
+def test_all_that_still_arrives_after_a_lost_reply_is_discarded() -> None:
+    """Here two late refusals, one after the other."""
+    clock, lost = VirtualClock(0.0, 100.0), [True]
+    wire = ScriptedWire(clock, lambda frame: [] if lost else [reply_to(frame, 0)], 1e-3)
+    link = TmclLink(wire, clock)
+    with raises(StageTimeout, "no_reply"):
+        link.command(Z, SAP, 4, 0)
+    refusal = reply_to(TmclRequest(Z, SAP, 4).frame(), 0, 4)
+    wire.coming += [(clock.monotonic_s() + after_s, refusal) for after_s in (0.005, 0.02)]
+    lost.clear()
+    link.command(Z, SAP, 4, 0)
+
+
 def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
     """Each 0.25 s late: after the module was given up."""
     clock = VirtualClock(0.0, 100.0)
