@@ -8,9 +8,10 @@ stop, to home and to limit its travel.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -29,7 +30,9 @@ from rig.devices.base import (
     StageTimeout,
     next_look_s,
 )
+from rig.devices.drive_link import Link
 from rig.settings import SLOWEST_MM_S, BenchSettings
+from rig.transport import TransportError
 
 POLL_S, ALARM_S = 0.02, 0.25
 """Poll interval near the end of a motion, and longest time between polls for alarms before that (s)."""
@@ -57,6 +60,7 @@ LOCKED = (FaultKind.ALARM, FaultKind.DISABLED)
 UNTRUSTED = (*LOCKED, FaultKind.LOST, FaultKind.DISPLACED)
 BEFORE_MOVE = (*UNTRUSTED, FaultKind.HELD)
 UNDER_WAY = (*BEFORE_MOVE, FaultKind.OVERRIDDEN)
+CLEAR_ALARM = "remove the cause, switch its controller off and on, and start the command again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +74,10 @@ class Fault:
     def error(self, label: str) -> StageError:
         """Return the error for this fault."""
         match self.kind:
-            case FaultKind.ALARM | FaultKind.DISPLACED:
-                return StageAlarm(self.number, f"{label}: {self.words}")
+            case FaultKind.ALARM:
+                return StageAlarm(self.number, f"{label}: {self.words}; {CLEAR_ALARM}")
+            case FaultKind.DISPLACED:
+                return StageAlarm(self.number, f"{label}: {self.words}; remove the cause, and home again")
             case FaultKind.DISABLED:
                 return StageError(f"{label} {self.words}", "not_enabled")
             case FaultKind.LOST:
@@ -119,10 +125,13 @@ def travel_s(mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
     return mm / speed_mm_s + ramp_s
 
 
-def refuse_not_finite(name: str, value: float) -> None:
-    """Raise MoveError for a number that is not finite."""
-    if not math.isfinite(value):
-        raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
+def refuse_numbers(target: Mapping[str, float | None], speed_mm_s: float) -> None:
+    """Raise MoveError for a number that is not finite, and for a speed below the slowest."""
+    for name, value in {**target, "speed_mm_s": speed_mm_s}.items():
+        if value is not None and not math.isfinite(value):
+            raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
+    if speed_mm_s < SLOWEST_MM_S:
+        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
 
 
 class WayHome:
@@ -145,16 +154,6 @@ class WayHome:
         if at_switch or self._highest_mm >= self.TOWARDS_MM:
             self._most_mm = self.AFTER_MM
         return self._highest_mm - self._up_mm > self._most_mm
-
-
-class Link(Protocol):
-    """Port of one or several drives."""
-
-    name: str
-
-    def close(self) -> None:
-        """Close the port."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,8 +280,7 @@ class CountedAxis(ABC, Generic[L]):
         ...
 
     def end_search(self) -> None:
-        """End a search that goes the wrong way."""
-        self.stop_now()
+        """End a search that a stop does not end. Raises StageError."""
 
     def refuse_moving(self) -> None:
         """Refuse an axis that moves while another one homes. Raises StageError."""
@@ -488,7 +486,6 @@ class CountedAxis(ABC, Generic[L]):
                 up_mm = found.up_mm_s * (now_s - before_s)
             before, before_s = found.position, now_s
             if found.at_switch is not None and way.is_wrong(up_mm, at_switch=found.at_switch):
-                self.end_search()
                 raise StageError(
                     f"{self.label} moves away from home while homing; check the settings of the controller, and its "
                     "limit switches",
@@ -526,11 +523,12 @@ class CountedAxis(ABC, Generic[L]):
 
     def _come_to_rest(self, most_s: float, *, halting: bool) -> None:
         begun_s = self._clock.monotonic_s()
-        sent_s = -math.inf if halting else begun_s
+        sent_s = None if halting else begun_s
         problem: StageError | None = None
         while (now_s := self._clock.monotonic_s()) < begun_s + most_s:
             try:
-                if problem is not None or self.sends_again(now_s - begun_s, now_s - sent_s, halting=halting):
+                if sent_s is None or self.sends_again(now_s - begun_s, now_s - sent_s, halting=halting):
+                    sent_s = None
                     self.send_stop(now_s - begun_s, halting=halting)
                     sent_s = now_s
                 if self.rests():
@@ -538,6 +536,8 @@ class CountedAxis(ABC, Generic[L]):
                 problem = None
             except StageError as error:
                 problem = error
+                if not halting:  # The first stop was not confirmed; a halt was, unless it failed itself.
+                    sent_s = None
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(
             f"{self.label} still moves {most_s:g} s after a stop; use the emergency stop", "still_runs"
@@ -590,6 +590,7 @@ class TwoAxisStage(Stage, Generic[A]):
         self._overrun_mm = {axis: 2 * settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xz"}
         self._y_mm = settings.frame.pad_y_mm
         self._trusted = False
+        self._moved = "z"  # in the present motion, or the last one
         self._times_stopped = 0  # counted from any thread
 
     @property
@@ -625,14 +626,18 @@ class TwoAxisStage(Stage, Generic[A]):
         for axis in (z, x):
             axis.before_homing()
         for axis, other in ((z, x), (x, z)):
+            self._moved = axis.name
             try:
                 for _ in axis.homing(keep_on, other):
                     yield None
-            except StageError:
-                self._send_stop()
+            except (StageError, TransportError):
+                with suppress(StageError, TransportError):
+                    axis.end_search()
+                with suppress(TransportError):
+                    self._send_stop()
                 self._confirm_idle(other)
                 raise
-        self._trusted = keep_on()
+        self._moved, self._trusted = "z", keep_on()
 
     def moving(
         self,
@@ -657,6 +662,7 @@ class TwoAxisStage(Stage, Generic[A]):
             raise self._not_homed()
 
         def looks() -> Iterator[Look]:
+            self._moved = axis.name
             self._prepare_motion()
             for stop_mm in self._stops(name, target_mm):
                 yield from axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s)
@@ -666,14 +672,13 @@ class TwoAxisStage(Stage, Generic[A]):
                 yield self._status({name: look})
         except (StageHeld, StageOverridden):
             raise
-        except StageError:
+        except (StageError, TransportError):
             self._trusted = False
             raise
 
     def halt(self) -> None:
-        """Stop each axis at its acceleration; no step is lost. Raises StageError."""
-        for axis in self._up_first():
-            axis.halt()
+        """Stop each axis at its acceleration; no step is lost. Raises StageError, TransportError."""
+        self._at_each(lambda axis: axis.halt())
 
     def steps_per_mm(self, axis: Axis) -> float:
         """Return the native steps per mm. Raises StageError for y."""
@@ -685,23 +690,24 @@ class TwoAxisStage(Stage, Generic[A]):
         Raises StageError; MoveError before any byte.
         """
         moves, keep_on = self._axis(axis), self._until_stopped()
+        refuse_numbers({"by_mm": by_mm}, speed_mm_s)
         moves.native_speed(speed_mm_s)
-        refuse_not_finite("by_mm", by_mm)
+        self._moved = axis
         self._prepare_motion()
         moves.jog(by_mm, speed_mm_s, keep_on, trusted=self._trusted)
 
     def stop(self) -> None:
         """Stop both axes at once, past every wait, and confirm it.
 
-        The stop is verified, and repeated, for up to 1 s. Raises StageError if an axis does not come to rest,
+        The stop is verified, and repeated, for up to 1 s an axis. Raises StageError if an axis does not come to rest,
         TransportError.
         """
         self._times_stopped += 1
         self._trusted = False
-        self._send_stop()
-        problems = [problem for axis in self._up_first() if (problem := unconfirmed(axis))]
-        if problems:
-            raise problems[0]
+        try:
+            self._send_stop()
+        finally:
+            self._at_each(lambda axis: axis.confirm_stopped())
 
     def unlock(self) -> None:
         """Clear the alarms of both axes; the position stays untrusted. Raises StageError."""
@@ -719,8 +725,18 @@ class TwoAxisStage(Stage, Generic[A]):
 
     def _send_stop(self) -> None:
         """Send a stop to both drives past every wait. Raises TransportError."""
-        for axis in self._up_first():
-            axis.stop_now()
+        self._at_each(lambda axis: axis.stop_now())
+
+    def _at_each(self, act: Callable[[A], None]) -> None:
+        """Call a function for both axes, first for the one that moves; raise the first error after both calls."""
+        problems = list[StageError | TransportError]()
+        for axis in sorted(self._axes.values(), key=lambda axis: axis.name != self._moved):
+            try:
+                act(axis)
+            except (StageError, TransportError) as problem:
+                problems.append(problem)
+        if problems:
+            raise problems[0]
 
     def _confirm_idle(self, axis: A) -> None:
         """Confirm the stop of the axis that did not home, where a bit error may have started it."""
@@ -774,11 +790,7 @@ def _one_axis(
 
     Raises MoveError for two axes at once, another y, a speed below the slowest, and numbers that are not finite.
     """
-    for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("z_mm", z_mm), ("speed_mm_s", speed_mm_s)):
-        if value is not None:
-            refuse_not_finite(name, value)
-    if speed_mm_s < SLOWEST_MM_S:
-        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
+    refuse_numbers({"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm}, speed_mm_s)
     if y_mm is not None and abs(y_mm - set_y_mm) > _SAME_PLACE_MM:
         raise MoveError(f"y_mm must be {set_y_mm:g}, the position set by hand, got {y_mm:g}", "set_by_hand")
     moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
@@ -787,12 +799,3 @@ def _one_axis(
             "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line", "not_one_axis"
         )
     return next(iter(moves.items()), (None, set_y_mm))
-
-
-def unconfirmed(axis: CountedAxis[Any]) -> StageError | None:
-    """Return why a stop was not confirmed, or None."""
-    try:
-        axis.confirm_stopped()
-    except StageError as problem:
-        return problem
-    return None

@@ -1,9 +1,9 @@
 """Port of drives that answer one request at a time."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Protocol, TypeVar
 
 from rig.clock import Clock
 from rig.devices.base import StageError, StageRejected, StageTimeout
@@ -13,6 +13,19 @@ REPLY_S = 0.2
 READ_TRIES = 3
 
 T = TypeVar("T")
+
+
+class Link(Protocol):
+    """Port of one or several drives."""
+
+    name: str
+
+    def close(self) -> None:
+        """Close the port."""
+        ...
+
+
+L = TypeVar("L", bound=Link)
 
 
 class DriveLink:
@@ -49,6 +62,19 @@ class DriveLink:
 
     def _silent(self, label: str, timeout_s: float = REPLY_S) -> StageTimeout:
         return StageTimeout(f"{label}: no reply within {timeout_s:g} s; check {self.IF_SILENT}", "no_reply")
+
+
+def opened(ports: Iterable[str], link: Callable[[str], L]) -> dict[str, L]:
+    """Return a link on each port; close all of them if one does not open. Raises TransportError."""
+    links: dict[str, L] = {}
+    try:
+        for port in ports:
+            links[port] = link(port)
+    except BaseException:
+        for one in links.values():
+            one.close()
+        raise
+    return links
 
 
 def both_answer(port: str, answers: Mapping[str, bool], code: str, remedy: str) -> bool:

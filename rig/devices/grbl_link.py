@@ -24,8 +24,8 @@ from rig.devices.base import (
     StageTimeout,
     is_held,
 )
-from rig.devices.counted_axis import travel_s
-from rig.settings import SLOWEST_MM_S, BenchSettings, StageBounds
+from rig.devices.counted_axis import refuse_numbers, travel_s
+from rig.settings import BenchSettings, StageBounds
 from rig.transport import LineReader, Transport
 
 ALARMS = {
@@ -165,11 +165,7 @@ def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
     """Raise MoveError for a move that no line can express."""
     if not target:
         raise MoveError("a move needs at least one of x_mm, y_mm, z_mm", "no_target")
-    for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
-        if not math.isfinite(value):
-            raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
-    if speed_mm_s < SLOWEST_MM_S:
-        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
+    refuse_numbers(target, speed_mm_s)
 
 
 def number(value: float, decimals: int = 4) -> str:

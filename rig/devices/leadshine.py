@@ -1,13 +1,16 @@
 """Stage with two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
 
+from contextlib import suppress
+
 from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
 from rig.devices.base import Stage, StageError
-from rig.devices.counted_axis import AxisSpec, TwoAxisStage, unconfirmed
-from rig.devices.drive_link import both_answer
+from rig.devices.counted_axis import AxisSpec, TwoAxisStage
+from rig.devices.drive_link import both_answer, opened
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DrivesSettings, StageSettings
+from rig.transport import TransportError
 from rig.transport.modbus import ModbusError, ModbusMaster
 from rig.transport.ports import may_be_renamed
 
@@ -71,7 +74,8 @@ class LeadshineStage(TwoAxisStage[LeadshineDrive]):
             z.link.send_now([z.device_id, x.device_id], reg.TRIGGER, reg.QUICK_STOP)
 
     def _confirm_idle(self, axis: LeadshineDrive) -> None:
-        unconfirmed(axis)
+        with suppress(StageError, TransportError):
+            axis.confirm_stopped()
 
     def _prepare_motion(self) -> None:
         """Disarm both before either moves, since a bit error in the address reaches the other one."""
@@ -82,7 +86,10 @@ class LeadshineStage(TwoAxisStage[LeadshineDrive]):
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
     stage = settings.stage
-    buses = _buses(opener, clock, stage)
+    buses = opened(
+        _ports(stage),
+        lambda port: ModbusMaster.on_port(opener(port), clock, port, framing=stage.framing, baud=stage.baud),
+    )
     x, z = (
         LeadshineDrive(
             buses[drive.port or stage.port],
@@ -102,19 +109,6 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
 def _ports(stage: StageSettings) -> tuple[str, ...]:
     """Return the ports of the drives."""
     return tuple(dict.fromkeys(drive.port or stage.port for drive in (stage.drives.x, stage.drives.z)))
-
-
-def _buses(opener: Opener, clock: Clock, stage: StageSettings) -> dict[str, ModbusMaster]:
-    """Open the ports; close all of them if one does not open."""
-    buses: dict[str, ModbusMaster] = {}
-    try:
-        for port in _ports(stage):
-            buses[port] = ModbusMaster.on_port(opener(port), clock, port, framing=stage.framing, baud=stage.baud)
-    except BaseException:
-        for bus in buses.values():
-            bus.close()
-        raise
-    return buses
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:

@@ -28,6 +28,7 @@ from rig.devices.counted_axis import (
     Setting,
     TwoAxisStage,
 )
+from rig.devices.drive_link import opened
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import AxisStatus, StandaLink
 from rig.settings import BenchSettings, StageSettings, StandaAxisSettings, StandaSettings
@@ -85,13 +86,13 @@ class StandaAxis(CountedAxis[StandaLook]):
         super().__init__(link, clock, spec, acceleration_unit=1 / settings.microsteps)
         self.microsteps, self._settings = settings.microsteps, settings
         self.serial: int | None = None  # of the connected controller
-        self._ramps: tuple[int, int] | None = None
+        self._ramps: tuple[int, ...] = ()
         self._alarms, self._displaced = 0, False
 
     # --- settings ---
 
     def identify(self) -> str:
-        self._ramps = None
+        self._ramps = ()
         (self.serial,) = self.link.ask("gser", frames.SERIAL)
         if self._settings.serial is None and may_be_renamed(self.link.name):
             raise StageError(
@@ -121,11 +122,10 @@ class StandaAxis(CountedAxis[StandaLook]):
         up, down = self._ramp()
         yield from self.accelerations({"Accel of the controller": up, "Decel of the controller": down})
 
-    def _ramp(self) -> tuple[int, int]:
+    def _ramp(self) -> tuple[int, ...]:
         """Return acceleration and deceleration of the controller, in full steps/s²."""
-        if self._ramps is None:
-            _, _, up, down, *_ = self.link.ask("gmov", frames.SPEED)
-            self._ramps = up, down
+        if not self._ramps:
+            self._ramps = self.link.ask("gmov", frames.SPEED)[2:4]
         return self._ramps
 
     # --- motion ---
@@ -193,13 +193,13 @@ class StandaAxis(CountedAxis[StandaLook]):
         if self._alarms:
             bits = [1 << bit for bit in range(self._alarms.bit_length()) if self._alarms >> bit & 1]
             names = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
-            yield Fault(FaultKind.ALARM, names, "remove the cause, see its manual")
+            yield Fault(FaultKind.ALARM, names, "see its manual")
         if not status.flags & HOMED or status.power == frames.POWER_OFF:
             yield LOST
         far = "left" if self._settings.home == "right" else "right"
         if self._displaced or status.inputs & EDGE[far]:  # It lies outside the travel.
             kind = FaultKind.ALARM if self._displaced else FaultKind.DISPLACED
-            yield Fault(kind, f"{far.upper()}_EDGE", "remove the cause, see its manual")
+            yield Fault(kind, f"{far.upper()}_EDGE", f"unexpected {far} limit switch")
         command = status.command & frames.COMMAND
         if status.inputs & BUTTONS or (status.busy and command in (frames.LEFT, frames.RIGHT)):
             yield HELD
@@ -243,17 +243,10 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
             f"stage.port and stage.standa.x_port are both {stage.port}; every controller has a port of its own",
             "one_port_for_two",
         )
-    links: list[StandaLink] = []
-    try:
-        for port in _ports(stage):
-            links.append(StandaLink(opener(port), clock))
-    except BaseException:
-        for link in links:
-            link.close()
-        raise
+    links = opened(_ports(stage), lambda port: StandaLink(opener(port), clock))
     z, x = (
-        StandaAxis(link, clock, AxisSpec.of(settings, name, steps_per_mm(stage, name)), axis)
-        for link, (name, axis) in zip(links, (("z", own.z), ("x", own.x)), strict=True)
+        StandaAxis(links[port], clock, AxisSpec.of(settings, name, steps_per_mm(stage, name)), axis)
+        for port, name, axis in ((stage.port, "z", own.z), (own.x_port, "x", own.x))
     )
     return StandaStage(x, z, settings)
 

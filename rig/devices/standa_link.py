@@ -23,7 +23,6 @@ SYNC_TRIES, SYNC_S, QUIET_S = 3, 0.1, 0.02
 FORGETS_S = 0.45
 """The controller forgets the beginning of a command 0.4 s after its last byte."""
 SHOWN = 16
-STOP = "stop"
 ERRORS = {
     "errc": "unknown command",
     "errd": "wrong checksum",
@@ -158,7 +157,7 @@ class StandaLink(DriveLink):
                 raise StageRejected(word, letters, ERRORS[word])
             if len(head) == LETTERS and head != name:
                 odd = odd or heard
-                heard = heard[LETTERS if head == STOP.encode() else 1 :]
+                heard = heard[LETTERS if head == b"stop" else 1 :]
                 continue
             left_s = deadline_s - self._clock.monotonic_s()
             if left_s <= 0:

@@ -72,11 +72,12 @@ class TmclAxis(CountedAxis[TmclLook]):
         self._flags = {number: 0 for number in (units.lost_steps_parameter, units.fault_parameter) if number}
         self._max_speed: int | None = None  # what the module must report; None: not known
         self._target: int | None = None  # of the motion under way
+        self._lost: Fault | None = None  # since the last homing
 
     # --- settings ---
 
     def identify(self) -> str:
-        self._max_speed = self._target = None
+        self._max_speed = self._target = self._lost = None
         version = self.link.version(self.motor)
         return f"TMCL module {self.motor.address}, motor {self.motor.number}, firmware {version}"
 
@@ -117,7 +118,6 @@ class TmclAxis(CountedAxis[TmclLook]):
     def send_stop(self, after_s: float, *, halting: bool) -> None:
         if not halting:
             self._max_speed = None
-        self._target = None
         self.link.command(self.motor, MST)
 
     def rests(self) -> bool:
@@ -133,14 +133,20 @@ class TmclAxis(CountedAxis[TmclLook]):
         return again == once and not (speed or search)
 
     def halt(self) -> None:
+        """Slow down to rest, and note a module that was switched off before it is disarmed. Raises StageError."""
         super().halt()
+        found, expected = self._number(MAX_SPEED), self._max_speed or 0
+        if found != expected:
+            self._lost = _lost(found, expected)
         self._disarm()
 
     def stop_now(self) -> None:
         self.link.send_now([self.motor])
 
     def before_homing(self) -> None:
-        self._target = None
+        """Disarm, and leave a target that an earlier program left, which the speed of the search would start."""
+        self._target = self._lost = None
+        self.link.command(self.motor, MST)
         self._disarm()
 
     def aim_home(self) -> None:
@@ -163,6 +169,9 @@ class TmclAxis(CountedAxis[TmclLook]):
         return found.searching
 
     def not_home(self, found: TmclLook) -> str | None:
+        for fault in found.faults:
+            if fault.kind is FaultKind.LOST:
+                return f"it {fault.words}"
         if abs(self.mm(found)) <= HOMED_WITHIN_MM:
             return None
         return f"it is at position {found.position}; check search_mode"
@@ -183,7 +192,7 @@ class TmclAxis(CountedAxis[TmclLook]):
         for number in self._flags:
             self._flags[number] |= found[number]
         busy = found[SPEED] != 0 or search != 0
-        if not busy and self._target == found[POSITION]:
+        if not busy and self._target == found[POSITION] and self._max_speed == found[MAX_SPEED]:
             self._target = None
             self._disarm()
             found[MAX_SPEED] = 0
@@ -212,12 +221,9 @@ class TmclAxis(CountedAxis[TmclLook]):
         # A standing axis that this driver has homed has maximum speed 0; one that was switched off has another.
         expected = found[MAX_SPEED] if busy and self._max_speed is None else self._max_speed or 0
         if found[MAX_SPEED] != expected != self._number(MAX_SPEED):
-            yield Fault(
-                FaultKind.LOST,
-                MAX_SPEED,
-                f"has maximum speed {found[MAX_SPEED]}, was set to {expected}; the module was switched off, or "
-                "another program uses it",
-            )
+            yield _lost(found[MAX_SPEED], expected)
+        elif self._lost is not None:
+            yield self._lost
         if self._target not in (None, found[TARGET]):
             yield Fault(FaultKind.OVERRIDDEN, TARGET, "another program has changed the target")
 
@@ -245,6 +251,11 @@ class TmclAxis(CountedAxis[TmclLook]):
 
     def _number(self, parameter: int) -> int:
         return self.link.ask(self.motor, (parameter,))[0][0]
+
+
+def _lost(found: int, expected: int) -> Fault:
+    why = "the module was switched off, or another program uses it"
+    return Fault(FaultKind.LOST, MAX_SPEED, f"has maximum speed {found}, was set to {expected}; {why}")
 
 
 def _name(parameter: int) -> str:

@@ -7,6 +7,8 @@ the motor turns is harsh at any speed.
 """
 
 import struct
+from collections.abc import Callable
+from functools import partial
 from math import inf, trunc
 
 from sim.devices.clock import Scheduler
@@ -20,10 +22,8 @@ SETTINGS = {
     "eni": 70, "ens": 54, "hsi": 70, "hss": 50, "gri": 70, "grs": 58, "acc": 114,
 }  # fmt: skip
 """Length of the frame that sets or returns each group of settings."""
-COMMANDS = {"move": 18, "movr": 18, "spos": 26} | dict.fromkeys(
-    ("stop", "sstp", "home", "left", "rigt", "zero", "pwof", "save", "read", "sars", "rers", "eesv", "eerd"), 4
-)
-LENGTHS = COMMANDS | {f"s{name}": length for name, length in SETTINGS.items()}
+IGNORED = ("save", "read", "sars", "rers", "eesv", "eerd")
+"""Commands that are confirmed and change nothing."""
 LETTERS, CRC_BYTES, FORGETS_S = 4, 2, 0.4
 
 MOVE, MOVR, LEFT, RIGHT, STOP, HOME, SSTP = 1, 2, 3, 4, 5, 6, 8
@@ -98,6 +98,7 @@ class VirtualStandaController(CountedMotor):
         self._command, self._failed, self._power = 0, False, POWER_OFF
         self.flags = self.inputs = 0
         self._causes = 0
+        self._commands = self._table()
         self._heard = Inbox(scheduler, FORGETS_S)
         line.connect(self._hear, self._heard.clear)
 
@@ -123,7 +124,7 @@ class VirtualStandaController(CountedMotor):
     def push_button(self) -> None:
         """Hold down the button `right` of the controller, which moves the axis."""
         self.inputs |= BUTTON_RIGHT
-        self._run("rigt")
+        self._run("rigt", b"")
 
     # --- state ---
 
@@ -145,10 +146,10 @@ class VirtualStandaController(CountedMotor):
             if len(heard.data) < LETTERS:
                 return
             letters = heard.data[:LETTERS].decode("latin-1")
-            length = self._length(letters)
-            if length is None:
+            if letters not in self._commands:
                 self._refuse("errc", ERRC)
                 return
+            length, obey = self._commands[letters]
             if len(heard.data) < length:
                 return
             payload, seal = heard.data[LETTERS : length - CRC_BYTES], heard.data[length - CRC_BYTES : length]
@@ -157,59 +158,52 @@ class VirtualStandaController(CountedMotor):
                 return
             heard.take(length)
             self._settle()
-            self._line.device_write(self._obey(letters, payload))
-
-    def _length(self, letters: str) -> int | None:
-        """Return the length of a command, None if there is none of this name."""
-        reads = letters in ("gets", "gpos", "geti", "gser", "gfwv") or (letters[0] == "g" and letters[1:] in SETTINGS)
-        return LETTERS if reads else LENGTHS.get(letters)
+            reply = obey(payload) or b""
+            self._line.device_write(reply if reply == b"errv" else frame(letters, reply))
 
     def _refuse(self, word: str, flag: int) -> None:
         self.flags |= flag
         self._heard.clear()
         self._line.device_write(word.encode("ascii"))
 
-    def _obey(self, letters: str, payload: bytes) -> bytes:
-        match letters:
-            case "gets":
-                return frame(letters, self._status())
-            case "gpos":
-                return frame(letters, struct.pack("<ihq6x", *self._parts(self.position()), 0))
-            case "gser":
-                return frame(letters, struct.pack("<I", self._serial))
-            case "gfwv":
-                return frame(letters, struct.pack("<BBH", 4, 7, 12))
-            case "geti":
-                return frame(letters, struct.pack("<4s2s8sBBH12x", b"XIMC", b"SM", b"8SMC5", 2, 3, 0))
-        if letters[0] == "g":
-            return frame(letters, self.settings[letters[1:]])
-        if letters[0] == "s" and letters[1:] in SETTINGS:
-            return self._set(letters, payload)
-        if letters == "spos":
-            steps, part, _, ignored = struct.unpack("<ihqB5x", payload)
-            if not ignored & 1:
-                self._set_count(self._whole(steps, part))
-        elif letters == "zero":
-            self._set_count(0)
-        elif letters == "pwof":
-            self._brake(inf)
-            self._power, self.flags = POWER_OFF, self.flags & ~HOMED
-        elif letters in ("stop", "sstp"):
-            self._end(letters)
-        elif letters in ("move", "movr", "home", "left", "rigt"):
-            self._run(letters, payload)
-        return frame(letters)
+    def _table(self) -> dict[str, tuple[int, Callable[[bytes], bytes | None]]]:
+        """Return the length of each command, and what executes it and returns the payload of its reply."""
+        return {
+            "gets": (LETTERS, lambda _: self._status()),
+            "gpos": (LETTERS, lambda _: struct.pack("<ihq6x", *self._parts(self.position()), 0)),
+            "gser": (LETTERS, lambda _: struct.pack("<I", self._serial)),
+            "gfwv": (LETTERS, lambda _: struct.pack("<BBH", 4, 7, 12)),
+            "geti": (LETTERS, lambda _: struct.pack("<4s2s8sBBH12x", b"XIMC", b"SM", b"8SMC5", 2, 3, 0)),
+            **{f"g{name}": (LETTERS, lambda _, name=name: self.settings[name]) for name in SETTINGS},  # type: ignore[misc]
+            **{f"s{name}": (size, partial(self._set, name)) for name, size in SETTINGS.items()},
+            "spos": (26, self._count_from),
+            "zero": (LETTERS, lambda _: self._set_count(0)),
+            "pwof": (LETTERS, self._switch_off),
+            **{letters: (LETTERS, partial(self._end, letters)) for letters in ("stop", "sstp")},
+            **{letters: (18, partial(self._run, letters)) for letters in ("move", "movr")},
+            **{letters: (LETTERS, partial(self._run, letters)) for letters in ("home", "left", "rigt")},
+            **dict.fromkeys(IGNORED, (LETTERS, lambda _: None)),
+        }
 
-    def _set(self, letters: str, payload: bytes) -> bytes:
-        if letters == "smov":
+    def _set(self, name: str, payload: bytes) -> bytes | None:
+        if name == "mov":
             speed, *rest = struct.unpack("<IBHHIBB9x", payload)
             if speed > FASTEST or not all(rest[1:3]):
                 ramps = [max(one, 1) for one in rest[1:3]]
                 self.settings["mov"] = struct.pack("<IBHHIBB9x", min(speed, FASTEST), rest[0], *ramps, *rest[3:])
                 self.flags |= ERRV
                 return b"errv"
-        self.settings[letters[1:]] = payload
-        return frame(letters)
+        self.settings[name] = payload
+        return None
+
+    def _count_from(self, payload: bytes) -> None:
+        steps, part, _, ignored = struct.unpack("<ihqB5x", payload)
+        if not ignored & 1:
+            self._set_count(self._whole(steps, part))
+
+    def _switch_off(self, _: bytes) -> None:
+        self._brake(inf)
+        self._power, self.flags = POWER_OFF, self.flags & ~HOMED
 
     def _status(self) -> bytes:
         moves = self.busy
@@ -236,7 +230,7 @@ class VirtualStandaController(CountedMotor):
 
     # --- motion ---
 
-    def _run(self, letters: str, payload: bytes = b"") -> None:
+    def _run(self, letters: str, payload: bytes) -> None:
         names = {"move": MOVE, "movr": MOVR, "home": HOME, "left": LEFT, "rigt": RIGHT}
         self._command, self._failed, self._searching = names[letters], bool(self.flags & ALARM), False
         if self.flags & ALARM:
@@ -269,7 +263,7 @@ class VirtualStandaController(CountedMotor):
         if legs[0][1]:
             self._go(legs, up, down)
 
-    def _end(self, letters: str) -> None:
+    def _end(self, letters: str, _: bytes) -> None:
         if letters == "stop":
             self.flags &= HOMED | self._causes
             if self._axis.velocity_at(self._now_s):

@@ -159,6 +159,16 @@ class VirtualTmclAxis(CountedMotor):
             if number in (MAX_SPEED, ACCELERATION) and self._positions and not self._searching:
                 self._follow()
 
+    def store(self, number: int) -> int:
+        """Store an axis parameter for the next start. Raises TmclRefusal."""
+        self.stored[number] = self.parameter(number)
+        return 0
+
+    def restore(self, number: int) -> int:
+        """Set an axis parameter to its stored value. Raises TmclRefusal."""
+        self.set_parameter(number, self.stored.get(number, 0))
+        return 0
+
     def move_to(self, target: int) -> None:
         """Go to a position."""
         self._settle()
@@ -231,6 +241,26 @@ class VirtualTmclAxis(CountedMotor):
         return max(self.parameters[ACCELERATION], 1) / self._units.acceleration
 
 
+Act = Callable[[VirtualTmclAxis, int, int], int | None]
+"""What a command does with an axis, its type and its value; it returns the value of the reply, None for that sent."""
+PARAMETER_COMMANDS: dict[int, Act] = {
+    SAP: lambda axis, number, value: axis.set_parameter(number, value),
+    GAP: lambda axis, number, _: axis.parameter(number),
+    STAP: lambda axis, number, _: axis.store(number),
+    RSAP: lambda axis, number, _: axis.restore(number),
+}
+MOTION_COMMANDS: dict[tuple[int, int], Act] = {
+    (ROR, 0): lambda axis, _, speed: axis.rotate(speed),
+    (ROL, 0): lambda axis, _, speed: axis.rotate(-speed),
+    (MST, 0): lambda axis, *_: axis.stop(),
+    (MVP, 0): lambda axis, _, target: axis.move_to(target),
+    (MVP, 1): lambda axis, _, counts: axis.move_by(counts),
+    (RFS, 0): lambda axis, *_: axis.search(),
+    (RFS, 1): lambda axis, *_: axis.end_search(),
+    (RFS, 2): lambda axis, *_: int(axis.searching),
+}
+
+
 class TmclModules(MotorPair):
     """Modules on one line: each reads nine bytes and replies to those with its address.
 
@@ -298,31 +328,11 @@ class TmclModules(MotorPair):
         axis = self.modules[address].get(number)
         if axis is None:
             raise TmclRefusal(BAD_VALUE)
-        if command == GAP:
-            return axis.parameter(kind)
-        if command == SAP:
-            axis.set_parameter(kind, value)
-            return value
-        if command == STAP:
-            axis.stored[kind] = axis.parameter(kind)
-            return 0
-        if command == RSAP:
-            axis.set_parameter(kind, axis.stored.get(kind, 0))
-            return 0
-        acts: dict[tuple[int, int], Callable[[], None]] = {
-            (ROR, 0): lambda: axis.rotate(value),
-            (ROL, 0): lambda: axis.rotate(-value),
-            (MST, 0): axis.stop,
-            (MVP, 0): lambda: axis.move_to(value),
-            (MVP, 1): lambda: axis.move_by(value),
-            (RFS, 0): axis.search,
-            (RFS, 1): axis.end_search,
-            (RFS, 2): lambda: None,
-        }
-        if (command, kind) not in acts:
-            raise TmclRefusal(WRONG_TYPE if any(command == known for known, _ in acts) else UNKNOWN_COMMAND)
-        acts[command, kind]()
-        return value if command != RFS or kind != 2 else int(axis.searching)
+        act = PARAMETER_COMMANDS.get(command) or MOTION_COMMANDS.get((command, kind))
+        if act is None:
+            raise TmclRefusal(WRONG_TYPE if command in (ROR, ROL, MST, MVP, RFS) else UNKNOWN_COMMAND)
+        found = act(axis, kind, value)
+        return value if found is None else found
 
 
 def tmcl_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> TmclModules:

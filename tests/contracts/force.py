@@ -87,6 +87,7 @@ class ForceBytes:
     not_now: replies upon which it is asked again, and the error if it says nothing else.
     lacks: what this device cannot say, and why. heard: the question in a frame; said: the frame of a reply to one.
     stream_s: a device that replies to no question sends its reading, that of the question UNASKED, so often.
+    max_age_s: what the entry declares with this table.
     """
 
     name: str
@@ -97,6 +98,7 @@ class ForceBytes:
     usual: Mapping[bytes, bytes]
     on_connect: Sequence[bytes]
     on_identify: Sequence[bytes]
+    max_age_s: float
     reading: bytes
     zero: bytes
     weights: Mapping[str, Weight]

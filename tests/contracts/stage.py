@@ -101,10 +101,10 @@ class StageBytes:
 
     move: arguments of move_to(), from home to `arrived`; trigger: the frame before which nothing moves. stop: the
     frames of a stop, all in one write; halt: the first one of a halt. unlock: how unlock() is refused, with the
-    maker's number. held: the error where somebody stops it at the controller. lacks: what it cannot do, and why.
-    ports: of a controller with several, what stands before the frames on each. settings: questions for a setting
-    that must be as configured, with other replies and the word that the error has for it. shows: what is noticed, and
-    what is not. ends: of homing.
+    maker's number; refusals: replies with other numbers, by number; the code is the same. held: the error where
+    somebody stops it at the controller. lacks: what it cannot do, and why. ports: of a controller with several, what
+    stands before the frames on each. settings: questions for a setting that must be as configured, with other replies
+    and the word that the error has for it. shows: what is noticed, and what is not. ends: of homing.
     """
 
     name: str
@@ -124,6 +124,7 @@ class StageBytes:
     stop: Sequence[bytes]
     halt: bytes
     unlock: tuple[bytes, bytes, str, int | str]
+    refusals: Mapping[int | str, bytes]
     alarm: int | str
     held: tuple[type[StageError], str]
     garbled: Mapping[str, Garbled]
@@ -607,10 +608,11 @@ class StageContract:
         assert bench.clock.monotonic_s() - begun_s < GIVES_UP_S
 
     def test_a_refusal_has_the_makers_number(self, device: StageBytes) -> None:
-        *_, code, number = device.unlock
-        bench = StageBench(device)
-        with bench.fails(StageError, code, number=number):
-            _refused(bench)
+        asked, said, code, own = device.unlock
+        for number, reply in {own: said, **device.refusals}.items():
+            bench = StageBench(device)
+            with bench.fails(StageError, code, number=number):
+                _refused(bench, asked, reply)
 
     def test_an_unlocked_stage_has_to_be_homed(self, device: StageBytes) -> None:
         bench = StageBench(device, homed=True)
@@ -676,8 +678,7 @@ def _garbled(bench: StageBench, garbled: Garbled) -> None:
     bench.stage.status()
 
 
-def _refused(bench: StageBench) -> None:
-    asked, reply, *_ = bench.device.unlock
+def _refused(bench: StageBench, asked: bytes, reply: bytes) -> None:
     bench.wire.instead[asked] = reply
     bench.stage.unlock()
 

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from rig.bench import checks
-from rig.devices.registry import KnownBench, checked, moves_along, stage_ports
+from rig.devices.registry import KnownBench, checked, moves_along, names, stage_ports
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config
+from rig.printable import either
 from rig.settings import Calibration, CalibrationSettings, StageSettings, SyncSettings
 from tests.config_keys import TABLE as KEYS
 from tests.error_codes import has_code, raises
@@ -53,9 +54,9 @@ VALUE, TABLE = "invalid_value", "invalid_table"
         ("[limits]\nmax_doi_mm = 2.5\n", VALUE,
          {"key": "limits.max_doi_mm", "value": 2.5, "rule": "must be less than or equal to 2"}),
         ('[stage]\nkind = "rack"\n', "unknown_kind",
-         {"key": "stage.kind", "value": "rack", "either": "'grbl', 'leadshine', 'zaber', 'standa' or 'tmcl'"}),
+         {"key": "stage.kind", "value": "rack", "either": either([*map(repr, names("stage"))])}),
         ('[force]\nkind = "scale"\n', "unknown_kind",
-         {"key": "force.kind", "value": "scale", "either": "'mtsics', 'laumas', 'text_cell' or 'net_ft'"}),
+         {"key": "force.kind", "value": "scale", "either": either([*map(repr, names("force"))])}),
         ("[stage.drives.x]\npulses_per_rev = 400\n", "missing_key", {"key": "stage.drives.x.device_id"}),
         ("[stage.drives.x]\ndevice_id = 2\n", "one_id_for_two", {"key": "stage"}),
         ('[sync]\noutput = "drive"\nregister_address = 0x6002\n', VALUE,

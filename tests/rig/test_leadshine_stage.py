@@ -152,6 +152,13 @@ def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, regis
     assert {(device, asked) for _, device, asked in bus.asked} == {(Z, register)}
 
 
+def test_an_output_that_is_off_is_not_switched_though_its_words_are_configured(bench: Make) -> None:
+    bus, stage = bench(sync={"output": "off", "register_address": 0x157, "on_word": 0x80, "off_word": 0})
+    with raises(StageError, "no_output"):
+        stage.set_output(True)
+    assert bus.told == []
+
+
 QUICK_STOP = 0x40
 
 

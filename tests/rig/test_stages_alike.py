@@ -4,6 +4,7 @@ import math
 import struct
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
+from copy import copy
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
@@ -24,7 +25,7 @@ from rig.devices.base import (
 )
 from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
 from rig.devices.make_drivers import stage_driver
-from rig.devices.registry import StageKind, find
+from rig.devices.registry import BUILT_IN, StageKind, find, own_port
 from rig.devices.standa import StandaAxis
 from rig.devices.tmcl import TmclAxis
 from rig.devices.zaber import ZaberAxis
@@ -36,6 +37,7 @@ from tests.contracts.bytes import leadshine, standa, tmcl, zaber
 from tests.contracts.counted import Bench, bench_of
 from tests.contracts.stage import Replies, StageBench, StageBytes
 from tests.error_codes import raises
+from tests.stub_bench import raising
 
 BYTES: dict[str, StageBytes] = {
     "zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE, "leadshine": leadshine.RTU,
@@ -135,6 +137,15 @@ def test_a_stage_homes_and_moves_without_a_connection(kind: str) -> None:
     bench.clock.call_at(bench.clock.monotonic_s() + in_s, lambda: setattr(bench.wire, "state", "arrived"))
     bench.move()
     assert bench.stage.status() == bench.device.arrived
+
+
+@every_kind
+def test_a_move_is_not_looked_at_just_before_its_end(kind: str) -> None:
+    """A look costs an exchange, and the arrival is looked at anyway."""
+    bench, devices = _bench(kind)
+    looks = bench.stage.moving(z_mm=-0.4, speed_mm_s=4.0, look_s=0.15)  # It takes about 0.18 s.
+    assert not [look for look in looks if look is not None and look.state == "Run"]
+    assert not devices.z.busy
 
 
 def _steps(axis: str, per_mm: float) -> dict[str, Any]:
@@ -265,6 +276,14 @@ def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, A
     assert bench.stage.connect()
     _accelerates(kind, devices.z, least - 1)
     with raises(StageError, "not_as_configured", axis="z", found=least - 1):
+        bench.stage.connect()
+
+
+@pytest.mark.parametrize("kind", ["zaber", "standa"])
+def test_an_acceleration_of_0_is_as_fast_as_a_zaber_axis_can_and_none_of_a_standa_axis(kind: str) -> None:
+    bench, devices = _bench(kind, homed=False)
+    _accelerates(kind, devices.z, 0)
+    with raises(StageError, "not_as_configured", axis="z", found=0) if kind == "standa" else nullcontext():
         bench.stage.connect()
 
 
@@ -399,6 +418,39 @@ def test_homing_that_fails_sends_a_stop_to_both_axes(kind: str) -> None:
     asked = [one for one in bench.wire.asked if kind != "leadshine" or one != REPEATED]
     assert asked[-len(STOPS[kind]) :] == STOPS[kind]
     assert (bench.wire.asked[-1] == REPEATED) is (kind == "leadshine")
+    assert not bench.stage.homed
+
+
+@every_kind
+@pytest.mark.parametrize("name", ["z", "x"])
+@pytest.mark.parametrize("error", [StageAlarm("", "a fault at which the axis moves on"), TransportError("noise")])
+def test_homing_that_fails_leaves_no_axis_in_motion(kind: str, name: str, error: StageError | TransportError) -> None:
+    """Not even where a stop does not end a search."""
+    bench = bench_of(kind, homed=False)
+    axis: Any = bench.stage._axes[name]  # type: ignore[attr-defined]
+    looks = bench.stage.homing()
+    while not getattr(bench.devices, name).busy:
+        next(looks)
+    axis.refuse = raising(error)
+    with pytest.raises(type(error)):
+        list(looks)
+    bench.clock.wait_s(0.3)
+    assert bench.stands()
+    assert not bench.stage.homed
+
+
+@every_kind
+@pytest.mark.parametrize("name", ["z", "x"])
+def test_devices_that_are_switched_off_while_they_home_are_not_home(kind: str, name: str) -> None:
+    """They count from 0 where they stand."""
+    bench = bench_of(kind, homed=False)
+    looks = bench.stage.homing()
+    while not getattr(bench.devices, name).busy:
+        next(looks)
+    next(looks)
+    bench.devices.power_cycle()
+    with raises(StageError, "not_over" if kind == "leadshine" else "did_not_home", axis=name):
+        list(looks)
     assert not bench.stage.homed
 
 
@@ -704,6 +756,157 @@ def test_a_port_that_does_not_open_leaves_none_of_the_others_open() -> None:
     with pytest.raises(TransportError):
         stage_driver(opened, clock, config)
     assert closed == [config.stage.port]
+
+
+def _moved_then_halted(bench: Bench) -> None:
+    looks = bench.stage.moving(z_mm=-12.0, speed_mm_s=2.0)
+    next(looks)
+    bench.devices.power_cycle()
+    bench.stage.halt()
+
+
+def _jogged_then_halted(bench: Bench) -> None:
+    bench.stage.jog("z", -3.0, 2.0)
+    bench.clock.wait_s(0.1)
+    bench.devices.power_cycle()
+    bench.stage.end_jog()
+
+
+def _moved_at_the_speed_of_power_on(bench: Bench) -> None:
+    looks = bench.stage.moving(z_mm=-12.0, speed_mm_s=10.0)
+    next(looks)
+    bench.devices.power_cycle()
+    with pytest.raises((StageReset, StageOverridden)):
+        list(looks)
+    bench.stage.halt()
+
+
+def _moved_to_0(bench: Bench) -> None:
+    """The target is the count at power-on; x is on another supply."""
+    looks = bench.stage.moving(z_mm=0.0, speed_mm_s=2.0)
+    next(looks)
+    bench.devices.z.power_cycle()
+    list(looks)
+
+
+OFF_UNDER_WAY = [_moved_then_halted, _jogged_then_halted, _moved_at_the_speed_of_power_on, _moved_to_0]
+
+
+@every_kind
+@pytest.mark.parametrize("act", OFF_UNDER_WAY)
+def test_devices_that_were_switched_off_under_way_are_not_trusted(kind: str, act: Callable[[Bench], None]) -> None:
+    """They count from 0 where they stand; a halt may come before any poll, as after a force."""
+    bench = bench_of(kind)
+    bench.stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
+    with suppress(StageError):
+        act(bench)
+    with raises(StageReset, "was_reset") if bench.stage.homed else nullcontext():
+        assert not bench.stage.status().referenced
+    assert not bench.stage.homed
+    bench.clock.wait_s(0.1)
+    bench.stage.home()
+    assert bench.stage.status().referenced
+
+
+def test_a_target_that_another_program_left_in_a_module_does_not_start_when_homing_arms_it() -> None:
+    """Not even while the replies of the module are lost."""
+    bench = bench_of("tmcl", homed=False)
+    z, line = bench.devices.z, bench.lines[0]
+    z.parameters[4] = 0
+    z.move_to(z.position() + 8000)
+    start, write = z.position(), line.host_write
+
+    def writing(data: bytes) -> None:
+        write(data)
+        if data[1:3] == b"\x05\x04" and any(data[4:8]):  # The speed is set.
+            line.device_write = lambda data: None  # type: ignore[method-assign]
+
+    line.host_write = writing  # type: ignore[method-assign]
+    with pytest.raises(StageTimeout):
+        bench.stage.home()
+    assert z.position() == start
+
+
+TWO_PORTS = [kind for kind in BUILT_IN["stage"] if find(StageKind, kind).ports is not own_port]
+
+
+@pytest.mark.parametrize("kind", TWO_PORTS)
+@pytest.mark.parametrize("dead", ["x", "z"])
+@pytest.mark.parametrize("how", ["cut", "silent"])
+@pytest.mark.parametrize("verb", ["stop", "halt", "end_jog"])
+@pytest.mark.parametrize("jogs", [True, False])
+def test_a_dead_port_keeps_no_stop_from_the_other_axis(kind: str, dead: str, how: str, verb: str, jogs: bool) -> None:
+    """It stops within the time of its own ramp, whatever the dead one takes."""
+    bench = bench_of(kind)
+    x, z = (bench.stage._axes[name] for name in ("x", "z"))  # type: ignore[attr-defined]
+    if x.link is z.link:  # The twin has both drives on one line.
+        x.link = copy(z.link)
+        x.link._transport = copy(z.link._transport)
+    moves: Any = "z" if dead == "x" else "x"
+    if jogs:
+        bench.stage.jog(moves, -8.0, 2.0)
+        bench.clock.wait_s(0.1)
+    else:
+        next(bench.stage.moving(**{f"{moves}_mm": -8.0}, speed_mm_s=2.0))
+    axis, link = getattr(bench.devices, moves), bench.stage._axes[dead].link  # type: ignore[attr-defined]
+    assert axis.busy
+    if how == "cut":
+        link._transport.write = raising(TransportError("cut"))
+    else:
+        link._transport.write = lambda data: None
+    stopped_s = list[float]()
+
+    def polled() -> None:
+        if axis.busy:
+            bench.clock.call_at(bench.clock.monotonic_s() + 0.01, polled)
+        else:
+            stopped_s.append(bench.clock.monotonic_s())
+
+    begun_s = bench.clock.monotonic_s()
+    polled()
+    with pytest.raises((StageError, TransportError)):
+        getattr(bench.stage, verb)()
+    bench.clock.wait_s(0.3)
+    assert stopped_s[0] - begun_s < 0.3
+    assert bench.stage.homed is (verb != "stop")
+
+
+@every_kind
+def test_a_port_that_fails_under_way_costs_the_trust_in_the_position(kind: str) -> None:
+    bench = StageBench(BYTES[kind], homed=True)
+    looks = bench.under_way()
+    bench.wire.cut = True
+    with pytest.raises(TransportError):
+        list(looks)
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("kind", ["zaber", "standa"])
+def test_a_halt_that_the_controller_confirmed_is_not_sent_again_after_a_garbled_poll(kind: str) -> None:
+    """A second one stops a Zaber device harder, so that it may lose steps."""
+    bench = StageBench(BYTES[kind], homed=True)
+    bench.under_way()
+    hear, polls = bench.wire._hear, list[bytes]()
+
+    def garbling(frame: bytes, port: bytes) -> None:
+        polls.append(frame)
+        bench.wire.mangled = (lambda reply: reply[:-3] + b"zzz") if len(polls) == 2 else (lambda reply: reply)
+        hear(frame, port)
+
+    bench.wire._hear = garbling  # type: ignore[method-assign]
+    bench.stage.halt()
+    assert bench.wire.asked.count(BYTES[kind].halt) == 1
+    assert bench.stage.homed
+
+
+@pytest.mark.parametrize("kind", ["zaber", "standa", "tmcl", "leadshine"])
+def test_the_error_of_an_alarm_says_how_to_clear_it(kind: str) -> None:
+    """No command of this program does."""
+    bench = bench_of(kind)
+    FAULTS[kind](bench.devices.z)
+    with raises(StageAlarm, "alarm") as caught:
+        bench.stage.home()
+    assert "switch its controller off and on" in str(caught.value)
 
 
 INTERRUPTED: dict[str, Callable[[Any], object]] = {

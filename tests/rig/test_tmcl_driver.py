@@ -124,6 +124,27 @@ def test_each_parameter_gets_its_own_value_whatever_happens_to_one_reply(number:
         assert link.ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
 
 
+def test_a_command_with_a_wrong_checksum_is_refused_at_once_whatever_command_the_module_read() -> None:
+    wire, link = linked(only(1, lambda reply: [sealed(reply[:2] + b"\x01\x24" + reply[4:8])]))
+    begun_s = wire.clock.monotonic_s()
+    with raises(StageRejected, "line_refused", number=1):
+        link.command(Z, MVP, 0, 1000)
+    assert wire.clock.monotonic_s() - begun_s < 0.1
+
+
+def test_all_that_still_arrives_after_a_lost_reply_is_discarded() -> None:
+    """Here two late refusals, one after the other."""
+    clock, lost = VirtualClock(0.0, 100.0), [True]
+    wire = ScriptedWire(clock, lambda frame: [] if lost else [reply_to(frame, 0)], 1e-3)
+    link = TmclLink(wire, clock)
+    with raises(StageTimeout, "no_reply"):
+        link.command(Z, SAP, 4, 0)
+    refusal = reply_to(TmclRequest(Z, SAP, 4).frame(), 0, 4)
+    wire.coming += [(clock.monotonic_s() + after_s, refusal) for after_s in (0.005, 0.02)]
+    lost.clear()
+    link.command(Z, SAP, 4, 0)
+
+
 def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
     """Each 0.25 s late: after the module was given up."""
     clock = VirtualClock(0.0, 100.0)
@@ -229,6 +250,24 @@ def test_a_move_whose_target_or_speed_another_program_changes_is_stopped(paramet
     assert [data[1] for _, _, data in bench.sent if data[3] == z][-1] == MST
     bench.clock.wait_s(0.5)
     assert bench.stands()
+
+
+def test_a_jog_whose_start_was_not_confirmed_is_no_reset() -> None:
+    """The axis moves, at a speed that is not known to be set."""
+    bench = counted.bench_of("tmcl")
+    line = bench.lines[0]
+    write, say = line.host_write, line.device_write
+
+    def writing(data: bytes) -> None:
+        armed = data[1:3] == b"\x05\x04" and any(data[4:8])
+        line.device_write = (lambda data: None) if armed else say  # type: ignore[method-assign]
+        write(data)
+
+    line.host_write = writing  # type: ignore[method-assign]
+    with raises(StageTimeout, "no_reply"):
+        bench.stage.jog("z", -2.0, 2.0)
+    assert bench.stage.status().state == "Run"
+    assert bench.stage.homed
 
 
 def test_an_axis_at_a_limit_switch_can_jog_off_it() -> None:

@@ -190,6 +190,16 @@ def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
         list(looks)
 
 
+def test_an_alert_of_a_cleared_fault_is_forgotten_when_it_is_unlocked() -> None:
+    bench = bench_of()
+    bench.devices.devices[2].settings["comm.alert"] = "1"
+    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0))
+    bench.devices.z.fail("FS")
+    bench.stage.halt()  # Its questions read the alert.
+    bench.stage.unlock()
+    assert bench.stage.status().state == "Idle"
+
+
 # --- stop ---
 
 

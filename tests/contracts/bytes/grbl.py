@@ -64,6 +64,7 @@ DEVICE = StageBytes(
     stop=[HOLD + RESET],
     halt=HOLD,
     unlock=(b"$X\n", b"error:9\r\n", "line_refused", 9),
+    refusals={n: b"error:%d\r\n" % n for n in (1, 2, 3, 4, 8, 20, 22, 23, 24, 27, 38, 53)},
     alarm=1,
     held=(StageHeld, "held"),
     garbled={

@@ -112,6 +112,7 @@ def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight]
         usual={WHO: bytes.fromhex("01 03 08 01 05 00 1E 07 E8 04 D2"), ASK: GOOD, ZERO: OBEYED},
         on_connect=[WHO, ASK],
         on_identify=[WHO, ASK],
+        max_age_s=0.4,
         reading=ASK,
         zero=ZERO,
         weights=WEIGHTS,

@@ -134,6 +134,7 @@ RTU = StageBytes(
     stop=[said("00 06 60 02 00 40")],  # a broadcast
     halt=said("02 06 60 02 00 40"),
     unlock=(said("02 06 18 01 11 11"), said("02 86 04"), "refused", 4),
+    refusals={n: said(f"02 86 {n:02X}") for n in (1, 2, 3, 8)},
     alarm=0xE0,
     held=(StageError, "not_enabled"),
     garbled={

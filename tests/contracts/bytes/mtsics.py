@@ -14,6 +14,7 @@ DEVICE = ForceBytes(
     usual={b"@\r\n": SERIAL, b"I4\r\n": SERIAL, ASK: b"S S     100.00 g\r\n", ZERO: b"Z A\r\n"},
     on_connect=[b"@\r\n"],
     on_identify=[b"I4\r\n"],  # @ would forget the tare
+    max_age_s=0.5,
     reading=ASK,
     zero=ZERO,
     weights={

@@ -54,6 +54,7 @@ NET_FT = ForceBytes(
     usual={GET: PAGE, START: SILENCE, UNASKED: record(-121_014)},
     on_connect=[GET, START],
     on_identify=[GET],
+    max_age_s=0.02,
     reading=UNASKED,
     zero=b"no command",
     weights={

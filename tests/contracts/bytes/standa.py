@@ -171,6 +171,7 @@ DEVICE = StageBytes(
     stop=[b"z stop"],
     halt=b"z sstp",
     unlock=(b"z stop", b"errc", "line_refused", "errc"),
+    refusals={"errd": b"errd", "errv": b"errv"},
     alarm="ALARM OVERLOAD_POWER_CURRENT",
     held=(StageHeld, "held"),
     garbled={

@@ -85,6 +85,7 @@ def _device(name: str, table: Mapping[str, Any], source: str, **rest: Any) -> Fo
         identity=f"text cell, {line} in {unit}",
         on_connect=[poll] if poll else [],
         on_identify=[poll] if poll else [],
+        max_age_s=1.12 if poll else 0.56,
         reading=poll,
         weights=_weights(line, gram),
         refusals=_refusals(line),

@@ -141,6 +141,7 @@ DEVICE = StageBytes(
     stop=[b"z MST 0"],
     halt=b"z MST 0",
     unlock=(b"z GAP 207", b"6 0", "line_refused", 6),
+    refusals={n: b"%d 0" % n for n in range(1, 6)},
     alarm=10,
     held=(StageOverridden, "overridden"),
     garbled={

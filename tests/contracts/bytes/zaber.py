@@ -116,6 +116,10 @@ DEVICE = StageBytes(
     stop=[b"0 0 stop"],
     halt=b"2 1 stop",
     unlock=(b"2 1 warnings clear", b"@02 1 RJ IDLE FS BADCOMMAND", "line_refused", "BADCOMMAND"),
+    refusals={
+        word: f"@02 1 RJ IDLE FS {word}".encode()
+        for word in ("AGAIN", "BADAXIS", "BADDATA", "DEVICEONLY", "DRIVERDISABLED", "FULL", "NOACCESS", "REMOTE")
+    },
     alarm="FS",
     held=(StageHeld, "held"),
     garbled={
