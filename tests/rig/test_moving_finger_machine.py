@@ -245,6 +245,7 @@ class FingerMachine(RuleBasedStateMachine):
 
     _running = _stopped = _paused = False  # whether a verb runs; whether it was stopped, or paused
     _killed = False  # whether nobody drives the stage, which completes what it was told
+    _cut = False  # whether its cable is cut, so that it completes its motion
 
     @precondition(lambda self: not self.over)
     @rule()
@@ -263,9 +264,9 @@ class FingerMachine(RuleBasedStateMachine):
             self._do(lambda engine: self.bench.ready())
 
     def _judge_anew(self) -> None:
-        """Judge only from now on, if the program before was killed, or its sensor showed what is not there."""
-        if self._killed or self._blind:
-            self._killed, self._judged = False, len(self.bench.witness.samples)
+        """Judge only from now on, if the program before was killed or cut off, or its sensor showed a false force."""
+        if self._killed or self._cut or self._blind:
+            self._killed, self._cut, self._judged = False, False, len(self.bench.witness.samples)
 
     # --- nothing, and questions ---
 
@@ -364,7 +365,7 @@ class FingerMachine(RuleBasedStateMachine):
         engine = bench.engine
         if not (self._blind or self._killed):
             far_mm, force_gwt = witness.dragged(bench.least_gwt, self._judged)
-            judge(far_mm <= STOP_MM, f"dragged by {far_mm:.2f} mm at up to {force_gwt:.1f} gwt")
+            judge(far_mm <= STOP_MM or self._cut, f"dragged by {far_mm:.2f} mm at up to {force_gwt:.1f} gwt")
             made_gwt = witness.made_gwt(TRIP_GWT, bench.read_s, self._judged)
             judge(made_gwt <= OVERSHOOT_GWT, f"{made_gwt:.2f} gwt more, after a reading above the trip")
             made_gwt = witness.made_gwt(TRIP_GWT, 0.0, self._judged)
@@ -388,7 +389,7 @@ class FingerMachine(RuleBasedStateMachine):
         begun: number of the first sample. before_s: contact time before.
         """
         bench, engine = self.bench, self.bench.engine
-        if self._paused or self._blind or bench.force.fails or not engine.sensing.absolute:
+        if self._paused or self._blind or self._cut or bench.force.fails or not engine.sensing.absolute:
             return
         late_s = FACT_S + bench.read_s
         for spell in bench.witness.spells(TRIP_GWT + bench.least_gwt, begun):
@@ -471,7 +472,7 @@ class BytesMachine(FingerMachine):
     def cable_is_cut(self, after_s: float) -> None:
         def cut() -> None:
             if self._running:
-                self.bench.cable.cut = True
+                self.bench.cable.cut = self._cut = True
 
         self.bench.clock.call_at(self._in_s(after_s), cut)
 
