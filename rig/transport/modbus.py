@@ -209,13 +209,18 @@ class ModbusMaster:
             self._unanswered = None  # The data arrived unsolicited.
         frame = self._frame(request)
         self._send(frame)
-        answer = self._answer(request, frame)
-        if answer.isError():
-            raise self._refused(request, answer)
-        if answer.function_code != request.function_code or not fits(answer):
-            raise ModbusGarbled(
-                f"{self._label(request)}: the answer does not match the request ({answer})", "does_not_fit"
-            )
+        try:
+            answer = self._answer(request, frame)
+            if answer.isError():
+                raise self._refused(request, answer)
+            if answer.function_code != request.function_code or not fits(answer):
+                raise ModbusGarbled(
+                    f"{self._label(request)}: the answer does not match the request ({answer})", "does_not_fit"
+                )
+        except ModbusGarbled as error:
+            if error.code != "late_answer":  # The reply to this request may still follow.
+                self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
+            raise
         return answer
 
     def _frame(self, request: ModbusPDU) -> bytes:
