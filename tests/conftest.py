@@ -60,7 +60,7 @@ REAL_TIME = (
     "rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of",
     "rig/compare/test_parameter_study.py::test_a_process_has_one_thread",
     "rig/compare/test_study_on_a_cluster.py",
-    "rig/test_command_line.py::test_ctrl_c_stops_at_a_safe_point",
+    "rig/test_command_line.py::test_ctrl_c_stops_a_run_at_a_safe_point",
     "rig/test_command_line.py::test_a_killed_run_leaves_a_readable_journal",
     "rig/test_control_socket.py",
     "rig/test_every_end.py",

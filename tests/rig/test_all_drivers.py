@@ -40,7 +40,7 @@ DRIVERS = [kind for kind in CLASSES if hasattr(kind, "connect") and not getattr(
 ids = pytest.mark.parametrize("driver", DRIVERS, ids=lambda driver: driver.__name__)
 
 
-def test_the_walk_finds_every_kind_of_device() -> None:
+def test_walking_the_packages_finds_every_driver() -> None:
     assert {driver.__name__ for driver in DRIVERS} == {
         "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce", "TextCellForce",
         "ZaberStage", "ZaberAxis",
@@ -51,7 +51,7 @@ def test_the_walk_finds_every_kind_of_device() -> None:
 
 
 @ids
-def test_a_driver_names_its_source(driver: type) -> None:
+def test_every_driver_cites_the_manual_of_its_device(driver: type) -> None:
     package = inspect.getmodule(driver)
     assert package is not None
     texts = [package.__doc__ or ""]
@@ -60,7 +60,7 @@ def test_a_driver_names_its_source(driver: type) -> None:
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
-def test_what_is_raised_is_what_is_documented(module: ModuleType) -> None:
+def test_a_driver_raises_only_stage_errors_force_errors_and_value_errors(module: ModuleType) -> None:
     """Stage and force errors, and ValueError before any byte; nothing of the libraries below gets through."""
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
@@ -80,7 +80,7 @@ def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
 
 
 @pytest.mark.parametrize("name", [name for names in BUILT_IN.values() for name in names])
-def test_an_entry_of_the_registry_has_a_twin_and_tests(name: str) -> None:
+def test_every_device_of_the_registry_has_a_twin_and_tests(name: str) -> None:
     entry = find(StageKind if name in BUILT_IN["stage"] else ForceKind, name)
     module, _, function = entry.twin.partition(":")
     assert callable(getattr(importlib.import_module(module), function))

@@ -170,7 +170,7 @@ def _wrong(motion: Motion, wire: Faulty, end: str) -> str:
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("direction", ["tx", "rx"])
 @pytest.mark.parametrize("share", EACH)
-def test_whatever_becomes_of_one_message_nothing_goes_down_or_aside(
+def test_no_corrupted_grbl_line_moves_the_stage_down_or_sideways(
     name: str, direction: Direction, share: str
 ) -> None:
     motion = MOTIONS[name]
