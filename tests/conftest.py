@@ -222,10 +222,10 @@ STUDIES = (
     "rig/compare/test_wider_run.py::test_presses_on_patches_of_two_widths_are_compared",
     "rig/compare/test_interpolated_study.py",  # sim/test_moduli.py
     "rig/design/test_design_command.py::test_an_identified_finger",  # rig/identify/test_identified_finger_in_a_run.py
-    "rig/test_decode_finger.py::test_a_sheet_gives_pressures_over_x_and_z_and_what_touches",  # sim/test_sheets.py
+    "rig/test_decode_finger.py::test_a_sheet_of_readings_gives_pressures_over_x_and_z_with_band_and_contact_extent",  # sim/test_sheets.py
     # Rows of a table whose other rows stay.
-    "rig/test_figures_without_settings.py::test_a_program_starts_whatever_the_settings_of_matplotlib_are[TeX-variable]",
-    "rig/test_figures_without_settings.py::test_a_program_starts_whatever_the_settings_of_matplotlib_are[noise-",
+    "rig/test_figures_without_settings.py::test_the_program_starts_with_any_matplotlib_settings[TeX-variable]",
+    "rig/test_figures_without_settings.py::test_the_program_starts_with_any_matplotlib_settings[noise-",
     "rig/test_nerve_command.py::test_silence_is_announced_before_the_work_with_the_speed_that_ends_it[RA@0]",
     "rig/test_nerve_command.py::test_the_inspector_finds_nothing[3]",
     "rig/test_run_state.py::test_at_every_document_all_say_the_same[complete_with_a_schedule]",
@@ -233,17 +233,17 @@ STUDIES = (
     "rig/test_same_numbers.py::test_neither_the_cache_nor_the_order_changes_a_number[rig identify, a table]",
     "rig/test_same_numbers.py::test_neither_the_cache_nor_the_order_changes_a_number[rig study]",
     "rig/test_small_strain_said.py::test_a_place_says_that_another_finger_was_not_measured[rig check]",
-    "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
-    "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_json_answers.py: `find`
-    "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
-    "rig/test_every_block.py::test_what_is_shown_runs[own_recordings]",  # rig/compare/test_afferents_table.py
-    "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
-    "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
-    "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
+    "rig/test_every_block.py::test_the_commands_on_every_page_run[comparison]",  # rig/compare/test_compare_command.py
+    "rig/test_every_block.py::test_the_commands_on_every_page_run[find_finger]",  # rig/test_json_answers.py: `find`
+    "rig/test_every_block.py::test_the_commands_on_every_page_run[identify]",  # rig/test_identification.py
+    "rig/test_every_block.py::test_the_commands_on_every_page_run[own_recordings]",  # rig/compare/test_afferents_table.py
+    "rig/test_every_block.py::test_the_commands_on_every_page_run[schedules]",  # rig/test_schedule.py
+    "rig/test_find.py::test_find_locates_a_displaced_and_rotated_finger_by_nine_touches",  # its other tests, on exact geometry
+    "rig/test_followed_pages.py::test_every_how_to_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
     # rig/test_nerve_command.py: a dry run with spikes, and rates of them; [tutorial]
-    "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[nerve]",
+    "rig/test_followed_pages.py::test_every_how_to_page_can_be_followed_literally[nerve]",
     # the page's other block, on a half-space; rig/test_nerve_command.py
-    'rig/test_every_block.py::test_code_is_run_or_excused[nerve: finger = load("finger")]',
+    'rig/test_every_block.py::test_the_python_code_on_every_page_runs_or_is_listed_as_not_run[nerve: finger = load("finger")]',
     "test_gallery.py::test_decode",  # rig/test_decode_command.py, sim/test_decoding.py
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py

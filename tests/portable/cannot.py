@@ -36,11 +36,11 @@ CANNOT = {
     "rig/test_control_socket.py::test_a_folder_that_others_could_read_is_closed": _MODES,
     "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
     "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
-    "rig/test_every_end.py::test_every_end_says_where_the_indentor_is_and_how_to_go_on[SIGHUP": _SIGNALS,
-    "rig/test_every_end.py::test_every_end_says_where_the_indentor_is_and_how_to_go_on[rig stop, or Ctrl-C": _SIGNALS,
+    "rig/test_every_end.py::test_every_early_ending_tells_where_the_indentor_is_and_how_to_resume[SIGHUP": _SIGNALS,
+    "rig/test_every_end.py::test_every_early_ending_tells_where_the_indentor_is_and_how_to_resume[rig stop, or Ctrl-C": _SIGNALS,
     "rig/test_every_signal.py::test_no_signal_suspends_or_ends": _SIGNALS,
     **{
-        f"rig/test_every_signal.py::test_the_first_lifts_and_a_second_key_stops_at_once[{times}-{name}": _SIGNALS
+        f"rig/test_every_signal.py::test_the_first_signal_lifts_the_indentor_and_a_second_one_stops_at_once[{times}-{name}": _SIGNALS
         for times in (1, 2)
         for name in ("SIGTSTP", "SIGQUIT")
     },

@@ -56,7 +56,7 @@ HOLDING_NUMBERS = [
 ]
 
 
-def test_a_number_has_its_unit_and_a_default_or_what_its_absence_means() -> None:
+def test_the_help_of_every_numeric_option_states_unit_and_default() -> None:
     for name in HOLDING_NUMBERS:
         option = OPTIONS[name]
         if not option.hidden:
@@ -68,7 +68,7 @@ KNOWN = {"--columns"}
 """Flags of one command that concern the same thing as the value of another."""
 
 
-def test_no_option_is_a_flag_on_one_command_and_takes_a_value_on_another() -> None:
+def test_no_option_is_a_flag_in_one_command_and_takes_a_value_in_another() -> None:
     kinds = defaultdict[str, set[bool]](set)
     for option in OPTIONS.values():
         if option.param_type_name == "option":
