@@ -67,8 +67,8 @@ REAL_TIME = (
     "rig/test_first_second.py::test_a_command_waits_for_no_library_that_it_does_not_use",
     "rig/test_grbl_conformance.py",
     "rig/test_how_it_ends.py",
-    "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named",
-    "rig/test_init_command.py::test_kinds_are_asked_in_order_until_one_answers",
+    "rig/test_init_command.py::test_probing_a_port_in_use_sends_nothing_and_names_its_owner",
+    "rig/test_init_command.py::test_probing_a_port_tries_device_kinds_in_order_until_one_answers",
     "rig/test_journal_behind.py",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
@@ -204,7 +204,7 @@ STUDIES = (
         f"rig/real_time/test_panel_under_attack.py::test_stop_is_answered_beside_every_attack[{name}]"
         for name in OTHER_ATTACKS
     ),
-    "rig/test_kills.py::test_runs_whose_cables_were_pulled_are_taken_up",  # killed ones, rig/test_resume.py
+    "rig/test_kills.py::test_runs_whose_cables_were_pulled_are_resumed_completely",  # killed ones, rig/test_resume.py
     # rig/test_every_signal.py, and [SIGTSTP] in a process of its own
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGINT]",
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGQUIT]",

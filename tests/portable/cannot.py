@@ -44,9 +44,9 @@ CANNOT = {
         for times in (1, 2)
         for name in ("SIGTSTP", "SIGQUIT")
     },
-    "rig/test_how_it_ends.py::test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up": _SIGNALS,
-    "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named": _UNNAMED,
-    "rig/test_kills.py::test_killed_runs_are_taken_up": _SIGNALS,
+    "rig/test_how_it_ends.py::test_a_run_whose_terminal_closes_lifts_and_can_be_resumed": _SIGNALS,
+    "rig/test_init_command.py::test_probing_a_port_in_use_sends_nothing_and_names_its_owner": _UNNAMED,
+    "rig/test_kills.py::test_killed_runs_are_resumed_without_missing_or_repeated_presses": _SIGNALS,
     "rig/test_modbus_counterparties.py::test_minimalmodbus": _PTYS,
     "rig/test_modbus_counterparties.py::test_modbus_tk_on_a_serial_line": _PTYS,
     "rig/test_ownership.py": _LOCKS,
