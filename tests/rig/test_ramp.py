@@ -206,7 +206,7 @@ def test_a_stage_that_cannot_ramp_is_refused_by_engine_and_plan(
         make_plan(_script(tmp_path, "rig.ramp(doi_mm=0.5, speed_mm_s=0.2)"), Config(), finger)
 
 
-def test_a_packaged_stage_cannot_ramp_unless_it_declares_ramps() -> None:
+def test_a_packaged_stage_cannot_ramp_unless_its_kind_declares_ramps() -> None:
     kind = StageKind(name="other", device="another stage", tests=(), driver=lambda *_: None)  # type: ignore[arg-type, return-value]
     assert kind.ramps is False
 

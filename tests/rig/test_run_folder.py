@@ -115,7 +115,7 @@ def test_hdf5_holds_every_event_with_its_unit(folder: RunFolder) -> None:
         assert file["note/text"].asstr()[0] == 'a "word", and µ'
 
 
-def test_csv_tables_have_one_row_an_event_with_units_of_the_stream(folder: RunFolder) -> None:
+def test_csv_tables_have_one_row_per_event_and_end_with_the_press(folder: RunFolder) -> None:
     run = read_run(folder.path)
     export_run(run)
     assert {p.stem for p in folder.path.glob("*.csv")} == {"presses", *(name for name in STREAMS if run.stream(name))}

@@ -93,7 +93,7 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_its_key(name: str) ->
     assert not accepted
 
 
-def test_the_walk_reaches_every_file() -> None:
+def test_the_strict_type_tests_cover_every_settings_file() -> None:
     assert {"Config", "LaumasSettings", "DriveSettings", "Geometry", "Posterior", "Draw", "_Parts"} <= set(MODELS)
     assert sum(len(model.model_fields) for model in MODELS.values()) > 200
 
