@@ -168,15 +168,15 @@ STUDIES = (
     "sim/oracles/test_round_contact.py::test_the_depth_of_a_round_flat_punch_converges_at_first_order",  # test_line_contact.py
     "sim/oracles/test_round_contact.py::test_the_depth_error_is_of_first_order_in_the_box_size",
     # Means over draws; bands: sim/test_within_contacts.py.
-    "sim/test_decoding.py::test_band_covers_two_samples_as_often_as_stated",
+    "sim/test_decoding.py::test_the_bayes_band_covers_two_pressures_as_often_as_stated",
     "sim/test_decoding.py::test_bayes_beats_the_univariate_search_in_loud_noise",
     "sim/test_speed_and_error.py::test_what_is_promised_of_the_half_space_holds_in_nine_of_ten",  # of the finger
-    "sim/test_axial_row.py::test_a_cylinder_is_read_back_under_the_length_that_explains_it_best",
+    "sim/test_axial_row.py::test_a_pressed_cylinder_is_decoded_under_the_contact_length_that_fits_best",
     "sim/test_sharp_sweep.py::test_every_random_pose_converges",  # its other tests
     # Rows of a table whose other rows stay.
-    "sim/test_friction.py::test_smaller_increments_give_the_same[bar:3.0]",
-    "sim/test_friction.py::test_smaller_increments_give_the_same[sphere:4]",
-    "sim/test_hard_cases.py::test_force_control_where_the_slope_changes[profile2-",
+    "sim/test_friction.py::test_a_press_with_friction_does_not_depend_on_the_increment[bar:3.0]",
+    "sim/test_friction.py::test_a_press_with_friction_does_not_depend_on_the_increment[sphere:4]",
+    "sim/test_hard_cases.py::test_force_control_converges_where_the_stiffness_changes_abruptly[profile2-",
     "sim/test_sheets.py::test_a_sphere_is_read_back[20.0-0.5]",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.05-",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.6-",
@@ -184,18 +184,18 @@ STUDIES = (
     "sim/test_nerve_population.py::test_a_population_has_the_published_density_and_room_between[monkey",
     "sim/test_own_finger.py::test_more_of_the_stiff_makes_a_stiffer_finger[e_fat-",
     "sim/test_own_finger.py::test_more_of_the_stiff_makes_a_stiffer_finger[nail_arc_deg-",
-    "sim/test_hard_cases.py::test_force_to_depth_to_force_from_rest[0.5-",
-    "sim/test_hard_cases.py::test_force_to_depth_to_force_from_rest[5.0-",
+    "sim/test_hard_cases.py::test_a_force_found_as_depth_gives_the_same_force[0.5-",
+    "sim/test_hard_cases.py::test_a_force_found_as_depth_gives_the_same_force[5.0-",
     "sim/test_uncondensed.py::test_the_whole_solution_is_in_equilibrium[default]",
     "sim/test_uncondensed.py::test_displacements_of_the_patch[default]",
     "sim/test_uncondensed.py::test_contact_holds_on_the_whole_solution[default]",
     "sim/test_uncondensed.py::test_strain_at_the_receptors[default]",
     # Fingers of their own, built for one row of a table whose other rows stay.
-    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.4999, bone rigid 10000, dermis 0.1]",
-    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone rigid 10000, dermis 0.001]",
-    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1000,",
-    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 10000,",
-    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1e+06,",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.4999, bone rigid 10000, dermis 0.1]",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone rigid 10000, dermis 0.001]",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone elastic 1000,",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone elastic 10000,",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone elastic 1e+06,",
     "sim/test_own_finger.py::test_a_finger_lying_off_centre[1.0]",
     "sim/test_quadratic_finger.py::test_quadratic_finger_presses_like_half_as_large_elements",  # its section is
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",

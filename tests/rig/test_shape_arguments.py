@@ -168,7 +168,7 @@ def test_round_shapes_are_named_by_radius_or_diameter(
 
 
 @pytest.mark.parametrize("shape", NO_SIZE)
-def test_only_round_shapes_take_a_radius_or_diameter(shape: str) -> None:
+def test_a_radius_or_diameter_that_a_shape_cannot_have_is_refused(shape: str) -> None:
     with pytest.raises(ShapeError) as caught:
         parse_shape(shape)
     assert caught.value.code in ("no_dimension", "dimension_out_of_range")

@@ -123,7 +123,7 @@ def test_contact_is_never_wider_than_the_bar(bar: dict[float, InPlane], finger: 
 
 
 @pytest.mark.parametrize("x", [-0.085, 0.085])
-def test_bar_verdicts_do_not_hang_on_one_lucky_position(finger: Fingertip, x: float) -> None:
+def test_bar_edge_contacts_are_the_same_half_a_sample_to_either_side(finger: Fingertip, x: float) -> None:
     # Half an element to either side of the centre the raw verdicts are the same.
     seen = {d: edges(InPlane.of(finger.indent("bar:3.0", x, doi_mm=d))) for d in (0.33, 0.67, 1.0, 1.33)}
     verdict = {d: (left > 1, right > 1) for d, (left, right, _) in seen.items()}
@@ -214,7 +214,7 @@ def test_step_1_peak_grows_under_the_convex_part(step_1: Pass) -> None:
     assert (np.diff(rising) > 0).all(), rising
 
 
-def test_step_1_parts_the_contact_in_two(step_1: Pass) -> None:
+def test_step_1_splits_the_contact_in_two(step_1: Pass) -> None:
     # Raju (1998): from x = −1.63 on two disconnected regions, until the left one vanishes; never more than two.
     shown = list(zip(step_1.x_mm.round(2), step_1.regions, strict=True))
     after = step_1.regions[step_1.x_mm <= -1.63]
@@ -238,7 +238,7 @@ def test_step_1_concave_part_never_touches(step_1: Pass) -> None:
         assert not ((s > length / 2) & (s < length)).any(), x
 
 
-def test_step_1_ends_as_it_began(step_1: Pass) -> None:
+def test_step_1_ends_with_the_pressure_it_began_with(step_1: Pass) -> None:
     # Raju (1998): finally the flat again, now the upper one, with the same pressure as at the start. The same flat on
     # the same nodes: equal to the residuals, 1e-8, plus what the force's tolerance leaves.
     first, last = step_1.results[0], step_1.results[-1]
@@ -253,7 +253,7 @@ def test_step_1_ends_as_it_began(step_1: Pass) -> None:
 # ------------------------------------------------------------------------------------------------- fact 3
 
 
-def test_step_5_is_gentle_and_never_parts(finger: Fingertip) -> None:
+def test_step_5_stays_below_1000_pseudo_units_with_one_contact_region(finger: Fingertip) -> None:
     # Raju (1998): with a half-wavelength of 3.134 mm the peak stays below 1 000 pseudo-units at 2.33 gwt, and there
     # are never two regions. Raw values of all nodes: no filter can hide a peak.
     passed = moved(finger, "step:5", SPACING_MM)
@@ -266,7 +266,7 @@ def test_step_5_is_gentle_and_never_parts(finger: Fingertip) -> None:
 # ------------------------------------------------------------------------------------------------- fact 4
 
 
-def test_sed_at_the_ten_receptors_has_two_peaks_and_one(finger: Fingertip) -> None:
+def test_sed_under_step_1_has_two_peaks_by_depth_and_one_by_force(finger: Fingertip) -> None:
     # Raju (1998) at his own receptors, by the rule of 5 % of the shape test for bars (`docs/statistics.md`): two
     # at DOI 0.73, the second by 22 %; one at 2.33 gwt, where a second stands out by 4.8 % only.
     for target, number in (({"doi_mm": 0.73}, 2), ({"force_gwt": 2.33}, 1)):
