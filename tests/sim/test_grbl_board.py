@@ -247,7 +247,7 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
 
 
 @pytest.mark.parametrize("name", CONVERSATIONS)
-def test_a_conversation(name: str) -> None:
+def test_the_virtual_board_answers_each_line_as_grbl_documents(name: str) -> None:
     begun, *facts = CONVERSATIONS[name]
     host = begun()
     for fact in facts:

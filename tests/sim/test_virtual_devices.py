@@ -103,7 +103,7 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Said, ...]]] = {
 
 
 @pytest.mark.parametrize("name", CONVERSATIONS)
-def test_a_conversation(name: str) -> None:
+def test_the_virtual_balance_answers_each_command_as_mt_sics_documents(name: str) -> None:
     begun, *said = CONVERSATIONS[name]
     host = begun()
     for command, *wait_s, reply in said:
