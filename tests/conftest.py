@@ -100,18 +100,18 @@ REAL_TIME = (
     "rig/test_watch_command.py::test_ctrl_c_in_rig_watch_leaves_the_run_running",
     "sim/test_door.py::test_importing_sim_imports_no_library",
     "sim/test_finger_process.py",
-    "sim/test_relaxing_plant.py::test_in_real_time_a_hold_relaxes",
+    "sim/test_relaxing_plant.py::test_a_hold_on_a_served_finger_relaxes_in_real_time",
     "sim/test_many.py::test_a_pickled_finger_presses_in_forked_and_spawned_processes",
     "sim/test_many.py::test_a_lost_worker_process_is_reported",
     "sim/test_many.py::test_many_presses_in_two_processes_give_the_same_results_in_order",
     "sim/test_press_ahead.py",
-    "sim/test_results.py::test_reading_an_answer_back_loads_no_finger",
+    "sim/test_results.py::test_reading_a_pickled_result_loads_no_finger",
     "sim/test_served_ports.py",
-    "sim/test_speed_and_error.py::test_candidates_are_measured_in_their_own_processes",
+    "sim/test_speed_and_error.py::test_speed_benchmark_measures_each_candidate_in_its_own_process",
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
-    "test_gallery.py::test_one_runs_as_a_script_beside_processes",
-    "test_gallery.py::test_run_resumed",
+    "test_gallery.py::test_a_gallery_script_with_worker_processes_runs_once",
+    "test_gallery.py::test_gallery_run_resumed_completes_four_presses",
     "test_gallery.py::test_study_on_a_cluster",
     "test_inherited_signals.py",
     "test_preloaded.py",
@@ -158,7 +158,7 @@ OTHER_ATTACKS = (
 # Of a large table, `@pytest.mark.quick(rows=lambda one, other: …)` says which rows stay in `make test`.
 STUDIES = (
     "studies/test_strangers_are_met.py",  # rig/test_identification.py, studies/test_identification_study.py
-    "studies/test_source_facts.py::test_every_fact_is_as_it_is_stored",  # the other tests of the file
+    "studies/test_source_facts.py::test_every_source_fact_recomputes_to_its_stored_value",  # the other tests of the file
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_the_truncation_error_of_a_line_load_falls_with_the_box_size",
     "sim/oracles/test_halfspace.py::test_the_truncation_error_of_a_point_load_falls_with_the_box_size",
@@ -170,14 +170,14 @@ STUDIES = (
     # Means over draws; bands: sim/test_within_contacts.py.
     "sim/test_decoding.py::test_the_bayes_band_covers_two_pressures_as_often_as_stated",
     "sim/test_decoding.py::test_bayes_beats_the_univariate_search_in_loud_noise",
-    "sim/test_speed_and_error.py::test_what_is_promised_of_the_half_space_holds_in_nine_of_ten",  # of the finger
+    "sim/test_speed_and_error.py::test_the_stated_errors_of_the_half_space_hold_in_nine_of_ten_scenes",  # of the finger
     "sim/test_axial_row.py::test_a_pressed_cylinder_is_decoded_under_the_contact_length_that_fits_best",
-    "sim/test_sharp_sweep.py::test_every_random_pose_converges",  # its other tests
+    "sim/test_sharp_sweep.py::test_every_random_pose_of_a_sharp_indentor_converges",  # its other tests
     # Rows of a table whose other rows stay.
     "sim/test_friction.py::test_a_press_with_friction_does_not_depend_on_the_increment[bar:3.0]",
     "sim/test_friction.py::test_a_press_with_friction_does_not_depend_on_the_increment[sphere:4]",
     "sim/test_hard_cases.py::test_force_control_converges_where_the_stiffness_changes_abruptly[profile2-",
-    "sim/test_sheets.py::test_a_sphere_is_read_back[20.0-0.5]",
+    "sim/test_sheets.py::test_a_sheet_of_readings_is_decoded_to_the_pressed_sphere[20.0-0.5]",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.05-",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.6-",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[10.0-",
@@ -186,10 +186,10 @@ STUDIES = (
     "sim/test_own_finger.py::test_more_of_a_stiffer_layer_makes_a_stiffer_finger[nail_arc_deg-",
     "sim/test_hard_cases.py::test_a_force_found_as_depth_gives_the_same_force[0.5-",
     "sim/test_hard_cases.py::test_a_force_found_as_depth_gives_the_same_force[5.0-",
-    "sim/test_uncondensed.py::test_the_whole_solution_is_in_equilibrium[default]",
-    "sim/test_uncondensed.py::test_displacements_of_the_patch[default]",
-    "sim/test_uncondensed.py::test_contact_holds_on_the_whole_solution[default]",
-    "sim/test_uncondensed.py::test_strain_at_the_receptors[default]",
+    "sim/test_uncondensed.py::test_the_uncondensed_solution_is_in_equilibrium[default]",
+    "sim/test_uncondensed.py::test_condensed_and_uncondensed_patch_displacements_agree[default]",
+    "sim/test_uncondensed.py::test_the_contact_conditions_hold_on_the_uncondensed_solution[default]",
+    "sim/test_uncondensed.py::test_condensed_and_uncondensed_receptor_strain_agree[default]",
     # Fingers of their own, built for one row of a table whose other rows stay.
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.4999, bone rigid 10000, dermis 0.1]",
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone rigid 10000, dermis 0.001]",
@@ -197,9 +197,9 @@ STUDIES = (
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone elastic 10000,",
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue_is_in_equilibrium[poisson 0.48, bone elastic 1e+06,",
     "sim/test_own_finger.py::test_contact_is_found_on_a_finger_off_center[1.0]",
-    "sim/test_quadratic_finger.py::test_quadratic_finger_presses_like_half_as_large_elements",  # its section is
-    "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",
-    "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[sphere:2-place1-",
+    "sim/test_quadratic_finger.py::test_a_quadratic_finger_presses_like_linear_elements_of_half_the_size",  # its section is
+    "sim/test_patches.py::test_a_press_that_leaves_the_patch_is_solved_on_a_larger_one[bar:3-",
+    "sim/test_patches.py::test_a_press_that_leaves_the_patch_is_solved_on_a_larger_one[sphere:2-place1-",
     *(
         f"rig/real_time/test_panel_under_attack.py::test_stop_is_answered_beside_every_attack[{name}]"
         for name in OTHER_ATTACKS
@@ -244,15 +244,15 @@ STUDIES = (
     "rig/test_followed_pages.py::test_every_how_to_page_can_be_followed_literally[nerve]",
     # the page's other block, on a half-space; rig/test_nerve_command.py
     'rig/test_every_block.py::test_the_python_code_on_every_page_runs_or_is_listed_as_not_run[nerve: finger = load("finger")]',
-    "test_gallery.py::test_decode",  # rig/test_decode_command.py, sim/test_decoding.py
-    "test_gallery.py::test_device_added",  # test_third_party_device.py
-    "test_gallery.py::test_finger_identified",  # rig/test_identification.py
-    "test_gallery.py::test_letter",  # rig/test_map_in_a_run.py
+    "test_gallery.py::test_gallery_decode_converges_within_half_of_the_truth",  # rig/test_decode_command.py, sim/test_decoding.py
+    "test_gallery.py::test_gallery_device_added_measures_force",  # test_third_party_device.py
+    "test_gallery.py::test_gallery_finger_identified_in_four_to_eight_presses",  # rig/test_identification.py
+    "test_gallery.py::test_gallery_letter_presses_to_0_3_mm",  # rig/test_map_in_a_run.py
     "test_gallery.py::test_parameter_study",  # rig/compare/test_parameter_study.py
-    "test_gallery.py::test_random_order",  # rig/test_schedule.py
-    "test_gallery.py::test_recording_compared",  # its test_recorded_bar, rig/compare/test_compare_command.py
-    "test_gallery.py::test_run_resumed",  # rig/test_resume.py, rig/test_kills.py
-    "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
+    "test_gallery.py::test_gallery_random_order_differs_between_two_blocks",  # rig/test_schedule.py
+    "test_gallery.py::test_gallery_recording_compared_correlates_every_measure",  # its test_gallery_recorded_bar_keeps_ep1_and_sed_in_the_confidence_set, rig/compare/test_compare_command.py
+    "test_gallery.py::test_gallery_run_resumed_completes_four_presses",  # rig/test_resume.py, rig/test_kills.py
+    "test_gallery.py::test_gallery_strain_anywhere_maps_sed_over_depth",  # sim/test_any_point.py
     "test_gallery.py::test_study_on_a_cluster",  # rig/compare/test_study_on_a_cluster.py
     # rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of
     "rig/compare/test_study_on_a_cluster.py::test_a_worker_killed_at_a_case_changes_no_byte",

@@ -62,7 +62,7 @@ CANNOT = {
     "sim/test_cache.py::test_a_hostile_cache_file_is_rebuilt_with_one_warning[a pipe]": "pipes in folders",
     "sim/test_finger_process.py::test_terminal_signals_do_not_reach_a_finger_process": _NICE,
     "sim/test_served_ports.py::test_a_pseudo_terminal_serves_one_client_after_another": _PTYS,
-    "sim/test_workers.py::test_memory_that_is_kept_is_not_cleared_again": _HEAP,
-    "sim/test_workers.py::test_they_leave_ctrl_c_to_us": "masks of signals",
+    "sim/test_workers.py::test_freed_memory_is_reused_without_page_faults": _HEAP,
+    "sim/test_workers.py::test_worker_processes_ignore_ctrl_c": "masks of signals",
     "test_other_accounts.py": _MODES,
 }

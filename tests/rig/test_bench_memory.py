@@ -72,7 +72,9 @@ def test_each_pair_of_ports_has_its_own_bench_memory(memory: BenchMemory) -> Non
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"left_at_mm": "here"}', "[]"])
-def test_an_unreadable_bench_memory_counts_as_empty_and_is_rewritten(memory: BenchMemory, tmp_path: Path, text: str) -> None:
+def test_an_unreadable_bench_memory_counts_as_empty_and_is_rewritten(
+    memory: BenchMemory, tmp_path: Path, text: str
+) -> None:
     memory.left(AT)
     (path,) = (tmp_path / "deep" / "state").iterdir()
     path.write_text(text, encoding="utf-8")
@@ -82,7 +84,9 @@ def test_an_unreadable_bench_memory_counts_as_empty_and_is_rewritten(memory: Ben
     assert [one.name for one in path.parent.iterdir()] == [path.name], "nothing else is left there"
 
 
-def test_a_bench_memory_folder_that_cannot_be_written_raises_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bench_memory_folder_that_cannot_be_written_raises_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "file"))
     memory = BenchMemory(RigSettings())

@@ -142,7 +142,9 @@ def test_a_bug_report_contains_journal_bytes_configuration_and_versions(program:
     assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.3.0"
 
 
-def test_a_bug_report_keeps_the_code_of_a_user_script_without_its_texts_and_comments(run: Path, program: Program) -> None:
+def test_a_bug_report_keeps_the_code_of_a_user_script_without_its_texts_and_comments(
+    run: Path, program: Program
+) -> None:
     program("doctor", "--bundle", run)
     found = members(Path("bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"))["protocol.py"]
     lines = found.splitlines()

@@ -68,7 +68,9 @@ def test_cache_json_lists_every_file_most_recently_read_first(rig: Said, folder:
         (("--keep-gb", "1"), set(FILES)),
     ],
 )
-def test_pruning_the_cache_keeps_the_most_recently_read_models_within_the_limit(rig: Said, folder: Path, words: tuple[str, ...], left: set[str]) -> None:
+def test_pruning_the_cache_keeps_the_most_recently_read_models_within_the_limit(
+    rig: Said, folder: Path, words: tuple[str, ...], left: set[str]
+) -> None:
     said = as_json(rig("--prune", *words, "--json"))
     gone = {name: size for name, (size, _) in FILES.items() if name not in left}
     assert {entry["name"] for entry in said["entries"]} == left
@@ -78,7 +80,9 @@ def test_pruning_the_cache_keeps_the_most_recently_read_models_within_the_limit(
 
 
 @pytest.mark.parametrize("given", ["much", "-1", "nan", "inf", ""])
-def test_a_cache_limit_that_is_not_a_positive_number_is_refused(rig: Said, monkeypatch: pytest.MonkeyPatch, given: str) -> None:
+def test_a_cache_limit_that_is_not_a_positive_number_is_refused(
+    rig: Said, monkeypatch: pytest.MonkeyPatch, given: str
+) -> None:
     monkeypatch.setenv("RIG_CACHE_GB", given)
     with pytest.raises(CacheError):
         most_bytes()

@@ -100,7 +100,9 @@ def _project(name: str) -> tuple[Path, Path]:
 
 
 @every_kind
-def test_every_device_kind_has_a_description_settings_tests_and_a_page(of: type[DeviceKind], name: str, example: None) -> None:
+def test_every_device_kind_has_a_description_settings_tests_and_a_page(
+    of: type[DeviceKind], name: str, example: None
+) -> None:
     entry = find(of, name)
     project, page = _project(name)
     assert type(entry) is of
@@ -147,7 +149,9 @@ def test_every_stage_kind_has_the_ports_axes_and_outputs_that_it_declares(name: 
 # --- a package's own kind ---
 
 
-def test_the_settings_table_of_a_packaged_device_is_read_from_and_written_to_the_configuration(example: None, tmp_path: Path) -> None:
+def test_the_settings_table_of_a_packaged_device_is_read_from_and_written_to_the_configuration(
+    example: None, tmp_path: Path
+) -> None:
     toml = tmp_path / "rig.toml"
     toml.write_text('[force]\nkind = "line_scale"\nbaud = 4800\n[force.line_scale]\naddress = 7\n', encoding="utf-8")
     config = load_config(toml)
@@ -227,9 +231,7 @@ def test_settings_of_a_device_kind_are_complete_from_every_source(way: str, exam
         assert device.own(entry.settings).model_dump() == table
 
 
-def test_a_device_kind_given_on_the_command_line_or_to_rig_stop_is_checked(
-    example: None, tmp_path: Path
-) -> None:
+def test_a_device_kind_given_on_the_command_line_or_to_rig_stop_is_checked(example: None, tmp_path: Path) -> None:
     for kinds in ((None, "odd"), ("odd", None)):
         with raises(BadInputError, "unknown_kind", kind="odd"):
             with_kinds(Config(), *kinds)

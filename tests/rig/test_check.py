@@ -48,7 +48,9 @@ def _peak_gwt(run: Run) -> float:
 
 @pytest.mark.quick(rows=lambda what: what is not STEP)
 @pytest.mark.parametrize("what", [BAR, DEEP, STEP], ids=["bar by force", "cylinder by depth", "step by force"])
-def test_check_predicts_duration_and_peak_force_of_the_dry_run(finger: Fingertip, tmp_path: Path, what: dict[str, Any]) -> None:
+def test_check_predicts_duration_and_peak_force_of_the_dry_run(
+    finger: Fingertip, tmp_path: Path, what: dict[str, Any]
+) -> None:
     """5 % of the duration, 2 % of the peak force: what was promised."""
     found, done = _both(tmp_path, finger, what)
     assert done.complete
@@ -57,7 +59,9 @@ def test_check_predicts_duration_and_peak_force_of_the_dry_run(finger: Fingertip
     assert said["peak_force_gwt"] == pytest.approx(_peak_gwt(done.run), rel=0.02)
 
 
-def test_check_errs_by_the_stiffness_of_a_stiffer_relaxing_finger_and_no_trip_occurs(finger: Fingertip, tmp_path: Path) -> None:
+def test_check_errs_by_the_stiffness_of_a_stiffer_relaxing_finger_and_no_trip_occurs(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     """By depth the force is off by the stiffness, less what relaxes; docs/validation/check.md states how much."""
     found, done = _both(
         tmp_path, finger, {**DEEP, "xs": (0.0,)}, virtual={"stiffness": 1.3, "relaxation": [[0.3, 1.0]]}
@@ -69,7 +73,9 @@ def test_check_errs_by_the_stiffness_of_a_stiffer_relaxing_finger_and_no_trip_oc
     assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
 
 
-def test_a_finger_three_times_stiffer_than_predicted_trips_within_the_overshoot(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_finger_three_times_stiffer_than_predicted_trips_within_the_overshoot(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     found, done = _both(tmp_path, finger, {**DEEP, "xs": (0.0,)}, virtual={"stiffness": 3.0})
     assert not done.complete
     assert done.problem is not None

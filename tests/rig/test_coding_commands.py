@@ -109,7 +109,9 @@ def test_shift_invariance_prints_the_published_sites_beside_its_own(rig: Program
     assert scaled == pytest.approx(found["pulp"]["printed"]["a"])
 
 
-def test_a_repeated_shift_invariance_solves_no_point_load_again(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repeated_shift_invariance_solves_no_point_load_again(
+    rig: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", "kept")
     monkeypatch.setattr(encode, "_LINE_EVERY", 100)
     made = rig("shift-invariance", *COARSE)

@@ -51,7 +51,9 @@ def nearest(colours: list[object], seen: object) -> float:
     [[BLUE, ORANGE, GREEN, GREY, PURPLE, YELLOW], list(PHASES.values()), [BLUE, ORANGE, GREY, "black"]],
     ids=["palette", "phases", "contact panels"],
 )
-def test_colors_of_different_things_stay_distinguishable_for_every_color_vision(colours: list[object], sight: str) -> None:
+def test_colors_of_different_things_stay_distinguishable_for_every_color_vision(
+    colours: list[object], sight: str
+) -> None:
     assert nearest(colours, SEEN[sight]) > GLANCE
 
 

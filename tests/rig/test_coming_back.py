@@ -168,7 +168,9 @@ def _not_reached(engine: Engine) -> None:
     ids=["nothing", "rest", "zero", "there and back", "along and back", "elsewhere", "mount", "home", "pause", "stop",
          "not reached"],
 )  # fmt: skip
-def test_a_press_approaches_by_increments_after_each_event_that_makes_a_place_untouched(between: Callable[[Engine], None], one_move: bool) -> None:
+def test_a_press_approaches_by_increments_after_each_event_that_makes_a_place_untouched(
+    between: Callable[[Engine], None], one_move: bool
+) -> None:
     bench = _bench()
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.0)
@@ -242,7 +244,9 @@ def test_the_planned_soft_trip_acts_during_the_single_move_down(spring: Make) ->
 
 
 @pytest.mark.parametrize("shown_gwt", [0.05, -0.05])
-def test_after_a_touch_in_motion_that_vanishes_at_rest_the_press_goes_on_by_increments(spring: Make, shown_gwt: float) -> None:
+def test_after_a_touch_in_motion_that_vanishes_at_rest_the_press_goes_on_by_increments(
+    spring: Make, shown_gwt: float
+) -> None:
     """A knock at the table. Anything less than a touch ends nothing."""
     for knock_gwt, ends in ((shown_gwt, True), (0.8 * shown_gwt, False)):
         bench = spring(k_gwt=10.0)

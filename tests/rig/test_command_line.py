@@ -279,9 +279,7 @@ def test_a_killed_run_leaves_a_readable_journal(finger: Fingertip, running: Any)
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
-def test_json_output_never_contains_nan_or_infinity(
-    number: float, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_output_never_contains_nan_or_infinity(number: float, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         print_json({"force_gwt": [1.0, number]})
     assert capsys.readouterr().out == ""

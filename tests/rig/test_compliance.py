@@ -33,7 +33,9 @@ def _block(spring: Make, rig_mm_per_n: float, top_mm: float = 0.1, noise_gwt: fl
 
 
 @pytest.mark.parametrize(("mm_per_n", "noise_gwt"), [(0.02, 0.0), (0.2, 0.02)])
-def test_the_true_compliance_lies_within_three_sd_of_the_measured_one(spring: Make, mm_per_n: float, noise_gwt: float) -> None:
+def test_the_true_compliance_lies_within_three_sd_of_the_measured_one(
+    spring: Make, mm_per_n: float, noise_gwt: float
+) -> None:
     """Three standard deviations; and these are no wider than a tenth of the value, some steps in 1 N."""
     bench = _block(spring, mm_per_n, noise_gwt=noise_gwt)
     found = measure_compliance(bench.ready(), 100.0)

@@ -43,7 +43,9 @@ def test_rig_config_describes_every_key_once_in_one_line() -> None:
         assert key.allowed, key.place
 
 
-def test_the_output_of_rig_config_is_a_file_that_loads_as_the_same_configuration(program: Program, tmp_path: Path) -> None:
+def test_the_output_of_rig_config_is_a_file_that_loads_as_the_same_configuration(
+    program: Program, tmp_path: Path
+) -> None:
     for text in ("", CALIBRATED):
         (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
         ended = program("config", "--config", tmp_path / "rig.toml")

@@ -70,7 +70,9 @@ VALUE, TABLE = "invalid_value", "invalid_table"
         (b"\xff\xfe\x00", "no_toml", {}),
     ],
 )  # fmt: skip
-def test_a_faulty_configuration_file_is_refused_with_key_problem_and_expectation(toml: Path, text: str | bytes, code: str, fields: dict[str, Any]) -> None:
+def test_a_faulty_configuration_file_is_refused_with_key_problem_and_expectation(
+    toml: Path, text: str | bytes, code: str, fields: dict[str, Any]
+) -> None:
     toml.write_bytes(text if isinstance(text, bytes) else text.encode())
     has_code(_refused(toml), code, **fields)
 
@@ -140,7 +142,9 @@ def test_keys_that_contradict_each_other_are_refused(tables: dict[str, dict[str,
     ],
     ids=str,
 )
-def test_the_prony_series_of_the_virtual_finger_has_shares_below_one_and_positive_times(series: list[list[float]], lasts: bool) -> None:
+def test_the_prony_series_of_the_virtual_finger_has_shares_below_one_and_positive_times(
+    series: list[list[float]], lasts: bool
+) -> None:
     """Shares above 0 that sum to less than 1, and time constants above 0."""
     if lasts:
         _takes({"virtual": {"relaxation": series}})
@@ -221,7 +225,9 @@ CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place,
     port=st.text(ODD_CHARACTERS, min_size=1, max_size=20).filter(str.strip),
 )
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_configuration_written_as_toml_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:
+def test_a_configuration_written_as_toml_reads_back_the_same(
+    toml: Path, changes: dict[tuple[str, str], float], port: str
+) -> None:
     tables: dict[str, dict[str, object]] = {"stage": {"port": port}, "finger": {"tissue": {"e_bone": 1e9}}}
     for (table, key), value in changes.items():
         tables.setdefault(table, {})[key] = value

@@ -38,7 +38,9 @@ FORCES: dict[ContactKind, float | None] = {
 
 
 @given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
-def test_a_finger_counts_as_lifted_only_at_clearance_with_a_force_below_touch(clear: bool, force_gwt: float | None, touch_gwt: float) -> None:
+def test_a_finger_counts_as_lifted_only_at_clearance_with_a_force_below_touch(
+    clear: bool, force_gwt: float | None, touch_gwt: float
+) -> None:
     found = KnownContact(contact_kind(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
     confirmed = clear and force_gwt is not None and abs(force_gwt) < touch_gwt
     assert found.may_touch is not confirmed
@@ -273,7 +275,9 @@ def test_a_step_down_is_recorded_before_it_moves_and_a_confirmed_step_up_clears_
 # --- what the engine does of it ---
 
 
-def test_the_engine_sets_the_lowest_z_of_the_stage_from_each_place_and_touch(bench: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_engine_sets_the_lowest_z_of_the_stage_from_each_place_and_touch(
+    bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From homing on; at each place; at most DOI and an increment below what was touched. Only when it changes."""
     told, at_rest = list[float](), list[bool]()
 

@@ -67,7 +67,9 @@ def test_a_stage_farther_along_than_its_speed_allows_has_strayed(
     (-3.0, -2.796, False), (-3.0, -2.794, True),  # up, twice the backlash farther
     (-5.0, -5.004, False), (-5.0, -5.006, True),  # down, where none is taken up
 ])  # fmt: skip
-def test_backlash_compensation_widens_the_corridor_in_the_positive_direction_only(to_mm: float, at_mm: float, strayed: bool) -> None:
+def test_backlash_compensation_widens_the_corridor_in_the_positive_direction_only(
+    to_mm: float, at_mm: float, strayed: bool
+) -> None:
     corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, to_mm), 5.0, 0.0, TOLERANCE_MM, (0.0, 0.0, 0.2))
     assert (corridor.strayed(_at((0.0, 0.0, at_mm)), 60.0) is not None) is strayed
 

@@ -104,7 +104,9 @@ PLACES = ("indentation_start", "sample", "touch", "hold_end", "indentation_end")
     ("what", "place"),
     [*((what, "touch") for what in SPOILS), *(("one digit changed", place) for place in PLACES if place != "touch")],
 )
-def test_reading_a_damaged_journal_omits_the_damaged_press_and_keeps_the_others(folder: Path, what: str, place: str) -> None:
+def test_reading_a_damaged_journal_omits_the_damaged_press_and_keeps_the_others(
+    folder: Path, what: str, place: str
+) -> None:
     lines = _lines(folder)
     SPOILS[what](lines, n := _number(lines, place, 1))
     (folder / "events.jsonl").write_bytes(b"".join(lines))

@@ -174,7 +174,9 @@ def test_decode_of_a_press_uses_the_sed_of_finite_elements(rig: Program) -> None
 # --- readings ---
 
 
-def test_decode_takes_readings_at_any_places_in_any_order(rig: Program, section: ReceptorSection, felt: np.ndarray) -> None:
+def test_decode_takes_readings_at_any_places_in_any_order(
+    rig: Program, section: ReceptorSection, felt: np.ndarray
+) -> None:
     sd = noise_sd(felt, 30)
     noise = np.random.default_rng(2).normal(size=(2, 12)) * sd
     columns = {
@@ -267,7 +269,9 @@ def test_decode_reports_a_search_cut_off_or_ended_at_its_range(rig: Program, mon
         (None, None, None),
     ],
 )
-def test_gain_and_threshold_options_are_read_with_their_errors(gain: str | None, threshold: str | None, expected: FittedReceptor | None) -> None:
+def test_gain_and_threshold_options_are_read_with_their_errors(
+    gain: str | None, threshold: str | None, expected: FittedReceptor | None
+) -> None:
     assert receptor_of(gain, threshold) == expected
 
 

@@ -113,7 +113,9 @@ def written(cells: Cells, order: np.ndarray | None = None) -> str:
     return str(FILE)
 
 
-def test_a_sheet_of_readings_gives_pressures_over_x_and_z_with_band_and_contact_extent(rig: Program, sphere: Cells) -> None:
+def test_a_sheet_of_readings_gives_pressures_over_x_and_z_with_band_and_contact_extent(
+    rig: Program, sphere: Cells
+) -> None:
     shuffled = written(sphere, np.random.default_rng(1).permutation(49))
     ended = rig("decode", "--readings", shuffled, "--config", "sheet.toml", "--picture", "sheet.svg")
     assert ended.code == 0

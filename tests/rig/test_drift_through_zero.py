@@ -97,7 +97,9 @@ def _leave(engine: Engine) -> None:
     rows=lambda stage: stage == "grbl"
 )  # the engine's; both stages: tests/rig/test_mechanical_faults.py
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_run_makes_no_move_sideways_in_contact_while_the_force_drifts_through_zero(tmp_path: Path, stage: str) -> None:
+def test_a_run_makes_no_move_sideways_in_contact_while_the_force_drifts_through_zero(
+    tmp_path: Path, stage: str
+) -> None:
     """The motor stalls in a touch; then `retract` and `move_to`."""
     for n, crossing_s in enumerate(CROSSINGS_S):
         (tmp_path / str(n)).mkdir()

@@ -62,7 +62,9 @@ def _wire(run: Run) -> list[dict[str, Any]]:
 # --- one position ---
 
 
-def test_a_dry_run_at_one_position_reaches_depth_place_and_model_force_within_tolerance(step: FinishedRun, finger: Fingertip) -> None:
+def test_a_dry_run_at_one_position_reaches_depth_place_and_model_force_within_tolerance(
+    step: FinishedRun, finger: Fingertip
+) -> None:
     assert step.complete
     assert step.indentations == 1
     assert step.problem is None
@@ -112,7 +114,9 @@ def test_the_report_page_loads_nothing_from_elsewhere(step: FinishedRun, finger:
     assert anchors <= set(re.findall(r'id="([^"]+)"', text))
 
 
-def test_two_dry_runs_of_a_script_give_the_same_journal_and_bytes(step: FinishedRun, finger: Fingertip, tmp_path: Path) -> None:
+def test_two_dry_runs_of_a_script_give_the_same_journal_and_bytes(
+    step: FinishedRun, finger: Fingertip, tmp_path: Path
+) -> None:
     again = _run(tmp_path, finger, STEP)
 
     def timeless(done: FinishedRun) -> list[dict[str, Any]]:

@@ -75,7 +75,9 @@ def _stays(phase: str, fault: str, documented_gwt: float) -> bool:
 
 @pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize(("phase", "fault", "documented_gwt"), _worst_cells())
-def test_the_worst_fault_of_each_phase_gives_the_documented_force(phase: str, fault: str, documented_gwt: float, tmp_path: Path) -> None:
+def test_the_worst_fault_of_each_phase_gives_the_documented_force(
+    phase: str, fault: str, documented_gwt: float, tmp_path: Path
+) -> None:
     assert phases.suffer(phase, fault, tmp_path).worst_gwt == pytest.approx(documented_gwt, abs=0.02)
 
 
@@ -94,7 +96,9 @@ def _felt_gwt(late_s: float) -> float:
     return 10.0 * replace(stopping, latency_s=stopping.latency_s + late_s).distance_mm ** 1.5
 
 
-def test_a_finger_that_came_nearer_is_pressed_no_deeper_than_the_stopping_distance_unless_the_sensor_is_dead() -> None:
+def test_a_finger_that_came_nearer_is_pressed_no_deeper_than_the_stopping_distance_unless_the_sensor_is_dead() -> (
+    None
+):
     cells = _nearer()
     assert set(cells) == {(way, fault) for way in phases.WAYS_BACK for fault in (phases.NO_FAULT, *phases.FAULTS)}
     dead = ("frozen at 0", "frozen at its value")
@@ -115,7 +119,9 @@ def test_a_finger_that_came_nearer_is_pressed_no_deeper_than_the_stopping_distan
         ("in one move", "frozen at 0"),
     ],
 )
-def test_the_worst_faults_with_a_finger_that_came_nearer_give_the_documented_force(way: str, fault: str, tmp_path: Path) -> None:
+def test_the_worst_faults_with_a_finger_that_came_nearer_give_the_documented_force(
+    way: str, fault: str, tmp_path: Path
+) -> None:
     cell = phases.come_nearer(way, fault, tmp_path)
     assert cell.worst_gwt == pytest.approx(_nearer()[way, fault], abs=0.02)
     assert cell.ended_by is not None

@@ -137,7 +137,9 @@ def test_the_stated_uncertainty_of_a_found_frame_is_that_of_a_least_squares_fit(
         assert lie.correlation == pytest.approx(covariance / np.outer(sd, sd), abs=0.05)
 
 
-def test_find_corrects_the_position_of_the_configured_frame_and_replaces_its_rotation(finger: Fingertip, above: Above) -> None:
+def test_find_corrects_the_position_of_the_configured_frame_and_replaces_its_rotation(
+    finger: Fingertip, above: Above
+) -> None:
     """Place and height are corrected; a turn of the configured frame is not in the touches, and is told anew."""
     frame = {"pad_centre_x_mm": -20.0, "apex_z_mm": -12.0, "pad_y_mm": -9.0, "roll_deg": 5.0, "tilt_deg": 2.0}
     moved = MOVED
@@ -177,9 +179,7 @@ def test_find_refuses_touches_made_with_anything_but_one_sphere(finger: Fingerti
         find(run, Config(), finger)
 
 
-def test_find_uses_touches_on_the_flank_and_tolerates_one_beside_the_finger(
-    finger: Fingertip, above: Above
-) -> None:
+def test_find_uses_touches_on_the_flank_and_tolerates_one_beside_the_finger(finger: Fingertip, above: Above) -> None:
     """At x = ± 5 the skin is steep; at 40 there is none, and a sphere its radius below the apex is not off."""
     moved = (0.0,) * 5
     places = [*WIDE, (-5.0, 0.0), (5.0, 0.0)]

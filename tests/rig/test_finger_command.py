@@ -102,7 +102,9 @@ def test_rig_finger_warns_of_a_point_that_does_not_fit_the_skin(finger_command: 
     assert "(0.10, 5.84, 6.89) mm" in err
 
 
-def test_rig_finger_refuses_a_mesh_with_a_folded_element(finger_command: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rig_finger_refuses_a_mesh_with_a_folded_element(
+    finger_command: Finger, monkeypatch: pytest.MonkeyPatch
+) -> None:
     place = mesh_module.nodes_on_rays
 
     def with_a_fold(*arguments: object) -> tuple[Any, Any]:

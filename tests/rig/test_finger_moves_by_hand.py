@@ -279,7 +279,9 @@ def test_a_zero_during_which_a_finger_comes_up_never_hides_a_touch(kind: str, up
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("placed", [True, False])
-def test_a_zero_lifts_the_indentor_by_three_tenths_of_a_millimeter_and_leaves_it_there(kind: str, placed: bool) -> None:
+def test_a_zero_lifts_the_indentor_by_three_tenths_of_a_millimeter_and_leaves_it_there(
+    kind: str, placed: bool
+) -> None:
     bench = HandBench(kind, above_mm=CLEARANCE_MM, known=placed)
     found = bench.run(bench.do("zero"))
     assert (found["ended_by"], found["zeroed"], found["homed"]) == (None, True, placed)

@@ -61,7 +61,9 @@ def _tolerance(gwt: float) -> float:
     return max(0.05, 0.01 * gwt)
 
 
-def test_a_force_target_is_reached_and_held_within_tolerance_on_softer_and_stiffer_fingers(pressed: tuple[Run, Any]) -> None:
+def test_a_force_target_is_reached_and_held_within_tolerance_on_softer_and_stiffer_fingers(
+    pressed: tuple[Run, Any],
+) -> None:
     """± 0.05 gwt or 1 %, by what the finger truly felt in the hold, and by what was recorded."""
     run, felt = pressed
     for start, end in zip(run.stream("hold_start"), run.stream("hold_end"), strict=True):

@@ -187,7 +187,9 @@ def test_a_stop_in_motion_raises_an_alarm_that_an_unlock_clears(stage: GrblStage
     assert abs(after.x_mm - before.x_mm) < 20.0
 
 
-def test_a_jog_beyond_the_travel_is_refused_and_a_move_raises_an_alarm_that_an_unlock_clears(stage: GrblStage) -> None:
+def test_a_jog_beyond_the_travel_is_refused_and_a_move_raises_an_alarm_that_an_unlock_clears(
+    stage: GrblStage,
+) -> None:
     """The move is the board's own: the driver makes none before it is homed, for which a board may lack switches."""
     if not stage.settings()[20]:
         pytest.skip("the board's soft limits ($20) are off")

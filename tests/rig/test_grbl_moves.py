@@ -146,7 +146,9 @@ STEPS = {"x": 400.0, "y": 250.0, "z": 80.0}
      ("x", -5.03125, -5.0325), ("x", 5.03125, 5.0325),
      ("z", -5.006, -5.0), ("z", -5.007, -5.0125), ("z", 5.007, 5.0125)],
 )  # fmt: skip
-def test_a_target_is_rounded_to_the_nearest_step_of_its_axis(board: Board, axis: str, to_mm: float, step_mm: float) -> None:
+def test_a_target_is_rounded_to_the_nearest_step_of_its_axis(
+    board: Board, axis: str, to_mm: float, step_mm: float
+) -> None:
     """Half a step is rounded away from zero, as by the board. −1, −2 and −3 mm are whole steps of all three axes."""
     told = "".join(f"${100 + k}={per_mm}\r\n" for k, per_mm in enumerate(STEPS.values()))
     board.answers[b"$$\n"] = told.encode() + b"$13=0\r\nok\r\n"
@@ -473,7 +475,9 @@ def test_a_known_work_offset_is_discarded_once_a_line_that_sets_it_was_sent(boar
     ("state", "code"), [("Hold:0", "held"), ("Door:1", "held"), ("Run", "not_idle"), ("Alarm", "not_idle")]
 )
 @pytest.mark.parametrize("to", ["jog", "move"])
-def test_a_target_confirmed_by_a_board_that_is_not_idle_starts_no_motion(board: Board, state: str, code: str, to: str) -> None:
+def test_a_target_confirmed_by_a_board_that_is_not_idle_starts_no_motion(
+    board: Board, state: str, code: str, to: str
+) -> None:
     stage = connected(board)
     answer = board._answer
     board._answer = lambda data: at(state) if data == b"?" else answer(data)  # type: ignore[method-assign]
@@ -492,7 +496,9 @@ def test_a_target_confirmed_by_a_board_that_is_not_idle_starts_no_motion(board: 
         ("[GC:]", ["G21", "G90", "G94"]),
     ],
 )
-def test_modal_state_counts_only_in_a_complete_report_line(board: Board, printed: str, missing: list[str] | None) -> None:
+def test_modal_state_counts_only_in_a_complete_report_line(
+    board: Board, printed: str, missing: list[str] | None
+) -> None:
     stage = connected(board)
     board.answers[b"$G\n"] = f"{printed}\r\nok\r\n".encode()
     if missing is None:
@@ -503,7 +509,9 @@ def test_modal_state_counts_only_in_a_complete_report_line(board: Board, printed
 
 
 @pytest.mark.parametrize(("wrong", "missing"), [("G91", "G90"), ("G20", "G21"), ("G93", "G94"), ("", "G90")])
-def test_a_long_motion_starts_only_in_confirmed_absolute_millimeter_modes(board: Board, wrong: str, missing: str) -> None:
+def test_a_long_motion_starts_only_in_confirmed_absolute_millimeter_modes(
+    board: Board, wrong: str, missing: str
+) -> None:
     """Absolute, in millimetres, by feed per minute; a short one is over before they matter."""
     stage = connected(board)
     modes = "G1 G54 G17 G21 G90 G94 M5 M9 T0 F60 S0".replace(missing, wrong)

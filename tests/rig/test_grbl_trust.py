@@ -109,7 +109,9 @@ def test_every_loss_of_the_position_leaves_the_stage_unhomed_until_homing(
     stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
 
 
-def test_before_connecting_the_stage_is_unhomed_and_sends_no_line_but_homing(board: Board, clock: VirtualClock) -> None:
+def test_before_connecting_the_stage_is_unhomed_and_sends_no_line_but_homing(
+    board: Board, clock: VirtualClock
+) -> None:
     """What the board was told before is not known; homing begins with a reset and needs no connection."""
     stage = GrblStage(board, clock)
     assert not stage.homed

@@ -55,9 +55,7 @@ def test_the_backlog_returns_new_readings_in_portions_and_counts_lost_ones() -> 
 
 
 @pytest.mark.parametrize("period_s", [0.05, 0.02])
-def test_an_idle_session_reads_the_sensor_at_its_own_rate(
-    make: Callable[..., HandBench], period_s: float
-) -> None:
+def test_an_idle_session_reads_the_sensor_at_its_own_rate(make: Callable[..., HandBench], period_s: float) -> None:
     """The stage beside it, ten times a second."""
     bench = make(sample_period_s=period_s)
     looks: list[float] = []
@@ -277,7 +275,9 @@ def test_a_session_that_ends_after_a_stop_records_no_stage_position(make: Callab
     assert bench.memory.read().left_at_mm is None
 
 
-def test_a_session_left_during_a_step_finishes_the_step_and_records_the_position(make: Callable[..., HandBench]) -> None:
+def test_a_session_left_during_a_step_finishes_the_step_and_records_the_position(
+    make: Callable[..., HandBench],
+) -> None:
     bench = make()
 
     def person() -> Person:

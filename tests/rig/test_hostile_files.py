@@ -128,7 +128,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("special", SPECIAL)
-def test_no_reader_opens_a_file_that_is_not_regular(here: Path, monkeypatch: pytest.MonkeyPatch, special: str) -> None:
+def test_no_reader_opens_a_file_that_is_not_regular(
+    here: Path, monkeypatch: pytest.MonkeyPatch, special: str
+) -> None:
     real, hung = os.open, []
 
     def open_(path: Any, *arguments: Any, **options: Any) -> int:
@@ -187,7 +189,9 @@ class _alarm:  # noqa: N801
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
-def test_a_file_that_grows_while_being_read_is_read_up_to_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_while_being_read_is_read_up_to_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "grows"
     path.write_bytes(b"a" * 5000)
     real = os.fstat

@@ -80,7 +80,9 @@ def _warning() -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_no_output_function_passes_control_characters_to_the_terminal(capsys: pytest.CaptureFixture[str], way: str) -> None:
+def test_no_output_function_passes_control_characters_to_the_terminal(
+    capsys: pytest.CaptureFixture[str], way: str
+) -> None:
     WAYS[way]()
     found = capsys.readouterr()
     assert found.out or found.err

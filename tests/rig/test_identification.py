@@ -131,7 +131,9 @@ def test_an_identification_ends_when_the_forces_are_known(identified: tuple[Iden
         assert abs(identification.learned.mean[prior.index(name)] - _truth(3)[prior.index(name)]) < most
 
 
-def test_no_reading_of_an_identification_passes_the_trip_of_its_press(identified: tuple[Identification, FinishedRun]) -> None:
+def test_no_reading_of_an_identification_passes_the_trip_of_its_press(
+    identified: tuple[Identification, FinishedRun],
+) -> None:
     identification, done = identified
     run = read_run(done.folder.path)
     for report in identification.reports:
@@ -140,7 +142,9 @@ def test_no_reading_of_an_identification_passes_the_trip_of_its_press(identified
     assert identification.reports[0].surprise.measured_gwt < 0.3 * identification.options.most_gwt
 
 
-def test_an_identification_reads_a_press_back_from_the_journal(identified: tuple[Identification, FinishedRun]) -> None:
+def test_an_identification_reads_a_press_back_from_the_journal(
+    identified: tuple[Identification, FinishedRun],
+) -> None:
     identification, done = identified
     run = read_run(done.folder.path)
     given = measured_press(run.events, 0, SETTINGS)
@@ -194,7 +198,9 @@ def test_a_late_reading_is_assigned_to_the_height_at_which_it_was_taken(
     assert (old.trajectory.read_s < ready.trajectory.read_s).any()
 
 
-def test_identification_corrects_heights_for_the_compliance_of_the_rig(identified: tuple[Identification, FinishedRun]) -> None:
+def test_identification_corrects_heights_for_the_compliance_of_the_rig(
+    identified: tuple[Identification, FinishedRun],
+) -> None:
     _, done = identified
     run = read_run(done.folder.path)
     calibration = SimpleNamespace(value=lambda key, otherwise: 0.5)

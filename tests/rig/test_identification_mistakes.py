@@ -46,7 +46,9 @@ def _one_line(program: Program, *words: str) -> str:
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_wrong_argument_of_identify_or_serve_prints_one_line_and_nothing_begins(program: Program, name: str) -> None:
+def test_a_wrong_argument_of_identify_or_serve_prints_one_line_and_nothing_begins(
+    program: Program, name: str
+) -> None:
     words, reason = MISTAKES[name]
     assert reason in _one_line(program, *words)
 

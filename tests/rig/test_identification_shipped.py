@@ -39,9 +39,7 @@ def test_the_first_identification_of_a_default_finger_builds_no_table(
 @pytest.mark.parametrize(
     ("shape", "stiffening"), [(shape, 0.3 * (n % 2)) for n, shape in enumerate(WANTED.indentors)]
 )
-def test_every_shipped_force_table_is_near_direct_presses(
-    finger: Fingertip, shape: str, stiffening: float
-) -> None:
+def test_every_shipped_force_table_is_near_direct_presses(finger: Fingertip, shape: str, stiffening: float) -> None:
     """At moduli, places and depths between its nodes; its own error, an rms of six presses, is with it: of one press
     three times that is allowed."""
     table = shipped(shape, _predicted().scope)

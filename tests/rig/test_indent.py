@@ -100,7 +100,9 @@ def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) 
     force_gwt=st.floats(0.2, 5.0),
 )
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_indent_reaches_any_force_on_any_spring_within_tolerance(spring: Make, k_gwt: float, contact_mm: float, force_gwt: float) -> None:
+def test_indent_reaches_any_force_on_any_spring_within_tolerance(
+    spring: Make, k_gwt: float, contact_mm: float, force_gwt: float
+) -> None:
     depth_mm = (force_gwt / k_gwt) ** (2 / 3)
     # Within reach, and not so stiff that one step of the stage is more than the tolerance is wide.
     assume(depth_mm < 1.4 and 1.5 * force_gwt / depth_mm * 0.0025 < 0.03)
@@ -114,7 +116,9 @@ def test_indent_reaches_any_force_on_any_spring_within_tolerance(spring: Make, k
 
 
 @pytest.mark.parametrize(("output", "on", "off"), [("coolant", "M8", "M9"), ("spindle", "M3", "M5")])
-def test_a_board_output_pulses_at_contact_hold_start_and_hold_end(spring: Make, output: str, on: str, off: str) -> None:
+def test_a_board_output_pulses_at_contact_hold_start_and_hold_end(
+    spring: Make, output: str, on: str, off: str
+) -> None:
     bench = spring(settings=RigSettings.model_validate({"sync": {"output": output, "width_s": 0.02}}))
     indent(bench.ready(), Target("force_gwt", 2.0), increments=2, hold_s=0.2)
     pulses = bench.of("sync")

@@ -99,7 +99,9 @@ def test_init_writes_a_commented_configuration_and_names_the_next_command(rig_in
 @pytest.mark.parametrize(
     ("travel", "steps"), [("60,30,40", "none"), ("200,100,80", "400,400,-400"), ("20,20,12", "250,250,800")]
 )
-def test_every_allowed_answer_of_init_gives_a_configuration_without_problems(rig_init: Init, travel: str, steps: str, finger: str) -> None:
+def test_every_allowed_answer_of_init_gives_a_configuration_without_problems(
+    rig_init: Init, travel: str, steps: str, finger: str
+) -> None:
     """Also of a small stage: the frame lies within its travel."""
     ended = rig_init("--yes", *_options(travel_mm=travel, steps_per_mm=steps, finger=finger))
     assert ended.code == 0, ended.err
@@ -165,7 +167,9 @@ def test_init_without_a_terminal_names_the_missing_answer(rig_init: Init, questi
         ({"finger": "thumb"}, "unknown_finger"),
     ],
 )
-def test_init_refuses_an_answer_that_the_configuration_forbids(rig_init: Init, changed: dict[str, str], code: str) -> None:
+def test_init_refuses_an_answer_that_the_configuration_forbids(
+    rig_init: Init, changed: dict[str, str], code: str
+) -> None:
     ended = rig_init("--yes", "--json", *_options(**changed))
     assert (ended.code, ended.error_code) == (2, code)
     assert os.listdir() == []
@@ -239,7 +243,9 @@ def test_init_writes_nothing_when_the_input_ends(rig_init: Init) -> None:
 # --- ports ---
 
 
-def test_probing_a_port_in_use_sends_nothing_and_names_its_owner(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_probing_a_port_in_use_sends_nothing_and_names_its_owner(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     port = tmp_path / "port"
     port.touch()
 

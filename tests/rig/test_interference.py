@@ -65,7 +65,9 @@ MOTIONS: dict[str, Callable[[Bench], None]] = {"move": _move, "jog": _jog}
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", OVERRIDES)
-def test_a_speed_override_at_the_controller_is_reported_at_the_next_poll(bench: Bench, motion: str, what: str) -> None:
+def test_a_speed_override_at_the_controller_is_reported_at_the_next_poll(
+    bench: Bench, motion: str, what: str
+) -> None:
     """Not by a timeout while the board goes on, and not after the press is over."""
     data, changed = OVERRIDES[what]
     at_s = bench.later(1.05, data)

@@ -151,7 +151,9 @@ def test_the_stop_document_states_status_and_reason(
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_journal_event_with_nan_or_infinity_is_refused_and_leaves_no_partial_line(path: Path, clock: VirtualClock, value: float) -> None:
+def test_a_journal_event_with_nan_or_infinity_is_refused_and_leaves_no_partial_line(
+    path: Path, clock: VirtualClock, value: float
+) -> None:
     with Journal(path, clock, SOME) as journal:
         journal.start({})
         journal.event("move", {"x_mm": 0.0})
@@ -195,7 +197,9 @@ def test_every_journal_column_has_the_unit_that_its_name_ends_with() -> None:
                 assert unit == "", key
 
 
-def test_a_journal_line_beyond_the_length_limit_is_refused_with_its_number(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_journal_line_beyond_the_length_limit_is_refused_with_its_number(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _write(path, VirtualClock())
     lengths = [len(line) for line in path.read_text(encoding="utf-8").splitlines()]
     longest = max(lengths)

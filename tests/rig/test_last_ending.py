@@ -42,7 +42,9 @@ def test_without_runs_there_is_no_last_ending(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("at", "told"), [(HELD, "2"), (LIFTED, None), ({}, None), (None, KILLED)])
-def test_the_last_run_decides_where_the_indentor_was_left(tmp_path: Path, at: dict[str, Any] | None, told: str | None) -> None:
+def test_the_last_run_decides_where_the_indentor_was_left(
+    tmp_path: Path, at: dict[str, Any] | None, told: str | None
+) -> None:
     """An end that does not say where is one of before it was said: lifted."""
     run(tmp_path, "1", HELD)
     run(tmp_path, "2", at)

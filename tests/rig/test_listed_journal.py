@@ -26,7 +26,9 @@ def lines(*documents: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("block", [1, 1000])
 @pytest.mark.parametrize("name", [path.name for path in OLD.iterdir() if (path / "events.jsonl").is_file()])
-def test_the_list_reader_reports_the_same_of_a_stored_run_as_the_full_reader(name: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_list_reader_reports_the_same_of_a_stored_run_as_the_full_reader(
+    name: str, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(listed_journal, "_BLOCK", block)
     whole = read_run(OLD / name)
     assert summarised(OLD / name) == (summary_of(whole), _holds(whole))

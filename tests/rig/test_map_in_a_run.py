@@ -68,7 +68,9 @@ def ell(path: Path) -> None:
     Image.fromarray(pixels).save(path)
 
 
-def test_a_run_presses_a_letter_from_a_picture_and_keeps_the_picture(rig: Callable[..., Any], empty_figures: None, tmp_path: Path) -> None:
+def test_a_run_presses_a_letter_from_a_picture_and_keeps_the_picture(
+    rig: Callable[..., Any], empty_figures: None, tmp_path: Path
+) -> None:
     found = rig("dry-run", "letter.py", "--config", "coarse.toml")
     assert found["code"] == 0, found["err"]
     run = read_run(Path(found["run"]))
@@ -146,7 +148,9 @@ def test_a_shape_file_is_searched_beside_the_script_first_and_an_error_names_bot
 
 
 @pytest.mark.parametrize("now", ["edited", "gone"])
-def test_a_run_keeps_its_first_copy_of_a_shape_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: str) -> None:
+def test_a_run_keeps_its_first_copy_of_a_shape_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
     original, copy = tmp_path / "parts.csv", tmp_path / "run" / copy_name("parts.csv")

@@ -122,7 +122,9 @@ BACKLASH = {"virtual": {"z_screw_backlash_mm": 0.2}}
 @pytest.mark.quick(rows=lambda stage, screw: stage == "grbl" or screw is COARSE_SCREW)
 @pytest.mark.parametrize("screw", [SCREW, COARSE_SCREW, BACKLASH], ids=["finer", "coarser", "backlash"])
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_wrong_screw_pitch_never_presses_beyond_the_force_bound(tmp_path: Path, stage: str, screw: Mapping[str, Any]) -> None:
+def test_a_wrong_screw_pitch_never_presses_beyond_the_force_bound(
+    tmp_path: Path, stage: str, screw: Mapping[str, Any]
+) -> None:
     ended = _pressed_twice(tmp_path, {**STAGES[stage], **screw}, lambda b: None)
     assert ended.bench.worst_n / GWT_N <= bound_gwt()
     assert ended.bench.dragged_gwt < TOUCH_GWT

@@ -18,7 +18,9 @@ from rig.plan.config import Config, keys, load_config
         ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq", []),
     ],
 )
-def test_a_configuration_file_with_an_unknown_key_is_refused_with_similar_keys(tmp_path: Path, text: str, key: str, near: list[str]) -> None:
+def test_a_configuration_file_with_an_unknown_key_is_refused_with_similar_keys(
+    tmp_path: Path, text: str, key: str, near: list[str]
+) -> None:
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     with pytest.raises(BadInputError) as refused:
         load_config(tmp_path / "rig.toml")

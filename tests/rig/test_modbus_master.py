@@ -87,9 +87,7 @@ def test_rtu_frames_are_three_and_a_half_characters_apart(
     assert sent_s[1] - answered_s == pytest.approx(pause_s)
 
 
-def test_after_a_broadcast_the_next_frame_waits_for_its_end(
-    clock: VirtualClock, scripted: Script, rtu: Rtu
-) -> None:
+def test_after_a_broadcast_the_next_frame_waits_for_its_end(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
     bus = ModbusMaster(scripted([(rtu("00 06 60 02 00 40"), b""), (GOLDEN_SAVE, GOLDEN_SAVE)]), clock, baud=9600)
     clock.wait_s(10.0)
     bus.send_now([1, 2], 0x6002, 0x40)
@@ -105,7 +103,9 @@ ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 7, 8])
-def test_an_exception_response_raises_an_error_with_function_register_and_code(master: Any, rtu: Rtu, number: int) -> None:
+def test_an_exception_response_raises_an_error_with_function_register_and_code(
+    master: Any, rtu: Rtu, number: int
+) -> None:
     bus = master([(READ_2, rtu(f"01 83 {number:02X}"))])
     with raises(ModbusRefused, "refused", number=f"exception {number},", **ABOUT_2):
         bus.read(1, 7, 2)
@@ -158,7 +158,9 @@ class LateTransport(TimedWire):
 
 
 @NOT_NOW
-def test_a_read_of_a_busy_device_is_repeated_for_a_tenth_of_a_second(clock: VirtualClock, rtu: Rtu, number: int) -> None:
+def test_a_read_of_a_busy_device_is_repeated_for_a_tenth_of_a_second(
+    clock: VirtualClock, rtu: Rtu, number: int
+) -> None:
     """For 0.1 s, so that a look of several reads is short of a lost reply; then the device is busy."""
     busy, good = [(0.005, rtu(f"01 83 {number:02X}"))], [(0.005, rtu(ANSWER_2))]
     wire = LateTransport(clock, [busy, busy, good, *[busy] * 40])
@@ -203,7 +205,9 @@ def test_a_write_that_a_device_refused_or_may_have_executed_is_not_repeated(
 
 
 @pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])
-def test_after_a_garbled_answer_the_master_waits_until_the_bus_is_silent(clock: VirtualClock, rtu: Rtu, baud: int, gap_s: float) -> None:
+def test_after_a_garbled_answer_the_master_waits_until_the_bus_is_silent(
+    clock: VirtualClock, rtu: Rtu, baud: int, gap_s: float
+) -> None:
     # Longer than 3.5 characters at 9600 baud, longer than 10 at 115200.
     bad = [
         (0.01 + k * gap_s, chunk) for k, chunk in enumerate([bytes.fromhex("01 03 04 00 01 86 A0 00 00"), b"?", b"?"])
@@ -331,7 +335,9 @@ def test_modbus_tcp_refuses_an_answer_from_another_unit(master: Any) -> None:
         master(script, framing="tcp").read(1, 6, 1)
 
 
-def test_a_stop_frame_is_sent_at_once_and_for_all_drives_in_one_tcp_write(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
+def test_a_stop_frame_is_sent_at_once_and_for_all_drives_in_one_tcp_write(
+    clock: VirtualClock, scripted: Script, rtu: Rtu
+) -> None:
     """On a bus the answer may be lost; on TCP both frames go in one write."""
     wire = scripted([(bytes.fromhex("8001 0000 0006 02 06 6002 0040 8002 0000 0006 01 06 6002 0040"), b"")])
     ModbusMaster(wire, clock, framing="tcp").send_now([2, 1], 0x6002, 0x40)

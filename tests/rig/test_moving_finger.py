@@ -132,9 +132,7 @@ def test_a_step_sideways_ends_when_a_finger_comes_up(by_hand: FingerOnBytes) -> 
 @pytest.mark.parametrize(
     ("bench", "when"), on_all((0.8, 20.0), (0.2, 4.0), (0.4, 4.0), (0.5, 20.0), (0.6, 4.0)), indirect=["bench"]
 )
-def test_a_zero_of_a_run_never_hides_a_finger_that_comes_up(
-    bench: FingerBench, when: tuple[float, float]
-) -> None:
+def test_a_zero_of_a_run_never_hides_a_finger_that_comes_up(bench: FingerBench, when: tuple[float, float]) -> None:
     engine, (after_s, speed_mm_s) = bench.ready(), when
     bench.finger.moves(in_s(bench, after_s), 4.0, speed_mm_s)
     with suppress(*ENDINGS):
@@ -188,7 +186,9 @@ def test_a_move_sideways_ends_when_a_finger_comes_up(bench: FingerBench, rises_m
 
 
 @pytest.mark.parametrize(("bench", "flank_mm"), on_all((3.3, 3.3), (2.6, 2.6), (2.6, 0.2)), indirect=["bench"])
-def test_a_move_sideways_ends_at_a_second_finger_beside_the_first(bench: FingerBench, flank_mm: tuple[float, float]) -> None:
+def test_a_move_sideways_ends_at_a_second_finger_beside_the_first(
+    bench: FingerBench, flank_mm: tuple[float, float]
+) -> None:
     engine = bench.ready()
     bench.finger.stands_beside(2.0, *flank_mm)
     with suppress(*ENDINGS):

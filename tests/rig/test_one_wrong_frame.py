@@ -32,7 +32,9 @@ def _quiet() -> Iterator[None]:
 @pytest.mark.parametrize("share", SHARES)
 @pytest.mark.parametrize("framing", SAMPLE)
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_a_drive_goes_nowhere_but_its_target_after_one_faulty_frame(motion: str, framing: Framing, share: str) -> None:
+def test_a_drive_goes_nowhere_but_its_target_after_one_faulty_frame(
+    motion: str, framing: Framing, share: str
+) -> None:
     assert wrong(motion, framing, None) == ""
     sample = random.Random(f"{motion} {framing}").sample(
         list(faults(motion, framing)), SAMPLE[framing] // SHARES[share]

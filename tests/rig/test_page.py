@@ -87,7 +87,9 @@ def _page(ended: Ended) -> dict[str, str]:
     return dict(line.split(maxsplit=1) for line in ended.err.splitlines() if re.match(r"[a-z]+ {2,}\S", line))
 
 
-def test_the_start_page_of_a_run_states_steps_forces_trips_and_speed(rig: Run, opened: list[Any], finger: Fingertip) -> None:
+def test_the_start_page_of_a_run_states_steps_forces_trips_and_speed(
+    rig: Run, opened: list[Any], finger: Fingertip
+) -> None:
     ended = rig(*RUN, "--subject", "S07", "--yes", "--json")
     assert ended.code == 0, ended.err
     page = _page(ended)
@@ -126,7 +128,9 @@ def test_run_and_resume_without_a_terminal_open_no_port_unless_confirmed_by_yes(
 
 
 @pytest.mark.parametrize(("typed", "code"), [("\n", 0), ("n\n", 130), ("", 130)])
-def test_the_start_page_of_a_run_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int) -> None:
+def test_the_start_page_of_a_run_is_confirmed_once(
+    rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int
+) -> None:
     ended = rig(*RUN, typed=typed)
     assert ended.code == code, ended.err
     assert ended.err.count("press Enter to start, Ctrl-C to cancel") == 1
@@ -227,7 +231,9 @@ def _killed(rig: Run, made_once: MadeOnce) -> Path:
     return run
 
 
-def test_every_command_after_a_killed_run_names_its_resume_command(rig: Run, opened: list[Any], tmp_path: Path) -> None:
+def test_every_command_after_a_killed_run_names_its_resume_command(
+    rig: Run, opened: list[Any], tmp_path: Path
+) -> None:
     """Until the run is taken up and has come to its end, doctor, run and resume say where the indentor was."""
     run = _killed(rig, lambda kind, make: (make(), *(tmp_path / "runs").iterdir())[1])
     line = f"rig resume {run}"

@@ -123,7 +123,9 @@ def test_the_silence_limit_is_off_while_a_step_is_carried_out(
     assert len(during) > 50
 
 
-def test_a_script_with_exactly_the_highest_number_of_steps_is_accepted(going_round: Callable[[str, int], Script], finger: Fingertip) -> None:
+def test_a_script_with_exactly_the_highest_number_of_steps_is_accepted(
+    going_round: Callable[[str, int], Script], finger: Fingertip
+) -> None:
     """Six are the script's own."""
     assert make_plan(going_round("[rig.note('again') for _ in range(44)]", 1), Config(), finger)
     with raises(BadInputError, "too_many_steps", verb="indent", high=50):  # the last step is one too many

@@ -153,7 +153,9 @@ def test_a_force_that_never_settles_ends_after_400_moves() -> None:
         (0.3, 1.0, 0.34, 0.05),
     ],
 )
-def test_the_first_step_towards_a_force_covers_three_quarters_of_a_large_gap(shown_gwt: float, doi_mm: float, target_gwt: float, step_mm: float) -> None:
+def test_the_first_step_towards_a_force_covers_three_quarters_of_a_large_gap(
+    shown_gwt: float, doi_mm: float, target_gwt: float, step_mm: float
+) -> None:
     bench, press = pressing(shows(shown_gwt, target_gwt), doi_mm)
     press.hold_at(Target("force_gwt", target_gwt), hold=1, hold_s=0.0)
     assert _steps_mm(bench, doi_mm) == pytest.approx([step_mm], abs=2e-6)
@@ -328,7 +330,9 @@ TOUCHED_MM = 0.1
         (0.0, 0.1, True), (0.024, -0.05, False),  # going up it may well be gone
     ],
 )  # fmt: skip
-def test_a_finger_that_shows_no_force_an_increment_below_contact_trips(gwt: float, deeper_mm: float, trips: bool) -> None:
+def test_a_finger_that_shows_no_force_an_increment_below_contact_trips(
+    gwt: float, deeper_mm: float, trips: bool
+) -> None:
     bench, press = pressing(shows(0.06, gwt), TOUCHED_MM)
     try:
         press.hold_at(Target("doi_mm", TOUCHED_MM + deeper_mm), hold=1, hold_s=0.0)

@@ -61,6 +61,8 @@ def test_the_cylinders_protocol_presses_every_depth_or_one_force_at_each_place()
         (-20, 20, 1, 41),
     ],
 )
-def test_a_range_is_divided_into_steps_no_longer_than_the_spacing(begin: float, end: float, spacing: float | None, n: int) -> None:
+def test_a_range_is_divided_into_steps_no_longer_than_the_spacing(
+    begin: float, end: float, spacing: float | None, n: int
+) -> None:
     found = RangeParameters(from_mm=begin, to_mm=end, spacing_mm=spacing).positions(())
     assert (len(found), found[0], found[-1]) == (n, begin, end)

@@ -78,7 +78,9 @@ def test_a_script_is_loaded_by_path_or_by_its_shipped_name(tmp_path: Path, monke
         ("import sys\nsys.exit(3)\n", 2, "SystemExit"),
     ],
 )
-def test_an_exception_at_the_import_of_a_script_is_reported_with_its_line(tmp_path: Path, text: str, line: int, exception: str) -> None:
+def test_an_exception_at_the_import_of_a_script_is_reported_with_its_line(
+    tmp_path: Path, text: str, line: int, exception: str
+) -> None:
     path = _write(tmp_path, text)
     has_code(_not_loaded(path), "exception_in_script", place=f"{path}, line {line}", exception=exception)
 

@@ -256,7 +256,9 @@ def _ramp(bench: FaultyBench) -> Any:
 
 @pytest.mark.quick(rows=lambda faulty, nearer_mm: faulty == "grbl" or (faulty == "rtu" and nearer_mm == 0.6))
 @pytest.mark.parametrize("nearer_mm", [0.3, 0.6])
-def test_a_finger_that_comes_nearer_in_a_ramp_trips_within_the_force_bound(faulty: FaultyBench, nearer_mm: float) -> None:
+def test_a_finger_that_comes_nearer_in_a_ramp_trips_within_the_force_bound(
+    faulty: FaultyBench, nearer_mm: float
+) -> None:
     def nearer() -> None:
         faulty.nearer_mm = nearer_mm
 
@@ -403,7 +405,9 @@ def _script(folder: Path, *lines: str) -> Script:
     return load_script(str(path))
 
 
-def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest_speed(finger: Fingertip, tmp_path: Path) -> None:
+def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest_speed(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     def planned(speed_mm_s: float) -> Plan:
         return make_plan(_script(tmp_path, f"rig.ramp(doi_mm=0.8, speed_mm_s={speed_mm_s})"), Config(), finger)
 
@@ -417,9 +421,7 @@ def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest_speed(fi
         planned(1.01 * fastest_mm_s)
 
 
-def test_a_ramp_too_fast_for_a_late_sensor_is_refused_where_a_press_is_not(
-    finger: Fingertip, tmp_path: Path
-) -> None:
+def test_a_ramp_too_fast_for_a_late_sensor_is_refused_where_a_press_is_not(finger: Fingertip, tmp_path: Path) -> None:
     """A press waits for its reading after each increment; a ramp goes on."""
     config = Config.model_validate({"force": {"latency_s": 0.5}})
     with raises(BadInputError, "too_fast_for_sensor", speed_mm_s=1.0):
@@ -427,7 +429,9 @@ def test_a_ramp_too_fast_for_a_late_sensor_is_refused_where_a_press_is_not(
     make_plan(_script(tmp_path, "rig.indent(doi_mm=0.4, speed_mm_s=1.0)"), config, finger)
 
 
-def test_check_states_the_force_bound_of_each_ramp_and_the_dry_run_stays_below(finger: Fingertip, tmp_path: Path) -> None:
+def test_check_states_the_force_bound_of_each_ramp_and_the_dry_run_stays_below(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     script = _script(tmp_path, "rig.indent(doi_mm=0.5, hold_s=0.1)", "rig.ramp(doi_mm=0.8, speed_mm_s=0.3)")
     plan = make_plan(script, Config(), finger)
     found = preflight(script, Config(), finger, plan).as_json()

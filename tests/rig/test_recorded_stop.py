@@ -221,9 +221,7 @@ def test_a_run_killed_after_any_document_is_where_its_last_event_says(finger: Fi
     assert contacts["indentation_start", True] == contacts["retract", True] == 2
 
 
-def test_an_appended_document_is_flushed_to_the_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_appended_document_is_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, bytes_at_sync = tmp_path / "events.jsonl", list[int]()
     path.write_bytes(b'{"doc": "stop", "uid": "b", "seq": 0, "t_s": 2.5, "status": "done"}\n')
     monkeypatch.setattr(os, "fsync", lambda descriptor: bytes_at_sync.append(os.fstat(descriptor).st_size))

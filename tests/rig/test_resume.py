@@ -147,7 +147,9 @@ def test_resuming_makes_exactly_the_missing_presses(finger: Fingertip, whole: Pa
         assert {e["index"] for e in done.run.superseded["sample"]} == {1}
 
 
-def test_a_run_killed_before_its_first_document_is_resumed_from_the_start(finger: Fingertip, whole: Path, cut: Make) -> None:
+def test_a_run_killed_before_its_first_document_is_resumed_from_the_start(
+    finger: Fingertip, whole: Path, cut: Make
+) -> None:
     folder = cut(lambda document: document["doc"] == "start")
     (folder / "events.jsonl").write_bytes(b'{"doc": "start", "ui')
     assert _resume(folder, finger).complete

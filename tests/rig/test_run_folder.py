@@ -208,7 +208,9 @@ def test_a_run_with_all_presses_but_no_stop_document_is_not_complete(folder: Run
         (b'rubbish\n{"doc": "start", "t_s": 0}\n', "no_start", {"at": " (line 1: not a journal document)"}),
     ],
 )
-def test_reading_a_folder_without_a_run_is_refused(tmp_path: Path, content: bytes | None, code: str, fields: dict[str, str]) -> None:
+def test_reading_a_folder_without_a_run_is_refused(
+    tmp_path: Path, content: bytes | None, code: str, fields: dict[str, str]
+) -> None:
     if content is not None:
         (tmp_path / "events.jsonl").write_bytes(content)
     with raises(RunError, code, run=str(tmp_path), **fields):

@@ -74,7 +74,9 @@ def test_a_stop_is_reported_with_the_state_it_interrupted(owner: RunOwner) -> No
     assert (owner._stopped_while, owner.stopped(), _asked(owner, "status")["stopped"]) == ("asking", True, True)
 
 
-def test_a_stop_that_reached_no_stage_is_reported_as_unconfirmed(owner: RunOwner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_that_reached_no_stage_is_reported_as_unconfirmed(
+    owner: RunOwner, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def unplugged() -> None:
         raise TransportError("there is no port")
 
@@ -187,7 +189,9 @@ def _as_soon_as_it_waits(pause: PauseRequest, act: Callable[[], object]) -> Iter
 
 @pytest.mark.parametrize("asked", ["ask", "ask_from_elsewhere"])
 @pytest.mark.parametrize("answered", ["typed", "elsewhere"])
-def test_a_pause_at_a_terminal_ends_with_the_first_answer_of_keyboard_or_panel(terminal: Terminal, asked: str, answered: str) -> None:
+def test_a_pause_at_a_terminal_ends_with_the_first_answer_of_keyboard_or_panel(
+    terminal: Terminal, asked: str, answered: str
+) -> None:
     keyboard, screen = terminal()
     pause = PauseRequest()
     getattr(pause, asked)()
@@ -310,7 +314,9 @@ def test_another_thread_can_interrupt_the_main_thread(
             _from_a_thread(interrupt_main)
 
 
-def test_without_stop_signals_a_stop_waits_for_the_record_and_interrupts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_stop_signals_a_stop_waits_for_the_record_and_interrupts_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """As on Windows: what stopped one command is no second Ctrl-C of the next."""
     monkeypatch.setattr(interrupts, "STOP_SIGNAL", None)
     with unstoppable():

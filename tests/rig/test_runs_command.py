@@ -78,7 +78,9 @@ def test_rig_runs_lists_unreadable_folders_last_and_indexes_the_others(runs: Pat
     ],
     ids=" ".join,
 )
-def test_rig_runs_filters_by_subject_shape_protocol_and_state(program: Program, runs: Path, options: list[str], found: tuple[str, ...]) -> None:
+def test_rig_runs_filters_by_subject_shape_protocol_and_state(
+    program: Program, runs: Path, options: list[str], found: tuple[str, ...]
+) -> None:
     ended = program("runs", runs, *options, "--json")
     assert [one["name"] for one in ended.json["runs"]] == list(found)
 

@@ -138,7 +138,9 @@ def test_a_lost_heartbeat_stops_the_stage_and_trips(spring: Make) -> None:
 
 
 @pytest.mark.parametrize(("speed_mm_s", "latency_s"), [(0.5, 0.1), (5.0, 0.02)])
-def test_the_stage_stops_within_the_computed_stopping_distance(spring: Make, speed_mm_s: float, latency_s: float) -> None:
+def test_the_stage_stops_within_the_computed_stopping_distance(
+    spring: Make, speed_mm_s: float, latency_s: float
+) -> None:
     """Told to stop in mid-move so much later: v · latency + v² / 2a, measured on the carriage, one step allowed."""
     bench = spring()
     bench.ready()

@@ -121,7 +121,9 @@ def test_all_stages_and_sensors_with_equal_steps_and_counts_press_identically(
             assert [mine[key] for key in keys] == pytest.approx([other[key] for key in keys], abs=1e-9)
 
 
-def test_stages_and_sensors_with_other_steps_and_counts_agree_within_their_resolution(grbl: Run, finger: Fingertip, tmp_path: Path) -> None:
+def test_stages_and_sensors_with_other_steps_and_counts_agree_within_their_resolution(
+    grbl: Run, finger: Fingertip, tmp_path: Path
+) -> None:
     """1000 pulses a mm, z running against its axis, and counts of 0.02 g.
 
     Depth: half a step of each stage, and what each touch-off may miss, which is the depth that hides below half a

@@ -56,7 +56,9 @@ def carried_out(
         ("sys.exit(0)", "SystemExit: 0"),
     ],
 )
-def test_every_verb_is_checked_again_while_the_run_moves(tmp_path: Path, finger: Fingertip, live: str, complaint: str) -> None:
+def test_every_verb_is_checked_again_while_the_run_moves(
+    tmp_path: Path, finger: Fingertip, live: str, complaint: str
+) -> None:
     done = carried_out(tmp_path, finger, live)
     assert isinstance(done.problem, ScriptError)
     assert complaint in str(done.problem)
@@ -99,7 +101,9 @@ OTHERWISE = {
 
 
 @pytest.mark.parametrize("how", OTHERWISE)
-def test_a_run_that_pressed_otherwise_than_planned_carries_a_warning(tmp_path: Path, finger: Fingertip, how: str) -> None:
+def test_a_run_that_pressed_otherwise_than_planned_carries_a_warning(
+    tmp_path: Path, finger: Fingertip, how: str
+) -> None:
     """As a script that draws without a seed: its answer, its page and every reader of the run have the warning."""
     live, words = OTHERWISE[how]
     run = carried_out(tmp_path, finger, live).run
@@ -112,9 +116,7 @@ def test_a_run_that_pressed_otherwise_than_planned_carries_a_warning(tmp_path: P
     assert "seed what is random" in warning
 
 
-def test_dry_run_reports_presses_that_differ_from_the_plan_in_json_and_page(
-    program: Program, tmp_path: Path
-) -> None:
+def test_dry_run_reports_presses_that_differ_from_the_plan_in_json_and_page(program: Program, tmp_path: Path) -> None:
     path = tmp_path / "sly.py"
     path.write_text(
         "import sys; passes = vars(sys).setdefault(__file__, [])\n"

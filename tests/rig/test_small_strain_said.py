@@ -140,7 +140,9 @@ def test_every_output_states_that_small_strain_error_of_another_finger_is_unknow
         (FingertipConfig(geometry=Geometry(length_mm=13.0)), False),
     ],
 )
-def test_small_strain_error_is_known_for_the_default_finger_at_any_stiffness_only(finger: FingertipConfig, compared: bool) -> None:
+def test_small_strain_error_is_known_for_the_default_finger_at_any_stiffness_only(
+    finger: FingertipConfig, compared: bool
+) -> None:
     assert is_default_finger(finger) is compared
 
 

@@ -98,7 +98,9 @@ def whole(carried_out: tuple[Plan, int, FinishedRun, int]) -> Run:
 # --- what is solved, and when ---
 
 
-def test_the_plan_solves_each_press_once_and_the_run_solves_none(carried_out: tuple[Plan, int, FinishedRun, int]) -> None:
+def test_the_plan_solves_each_press_once_and_the_run_solves_none(
+    carried_out: tuple[Plan, int, FinishedRun, int],
+) -> None:
     plan, after_plan, done, after_run = carried_out
     assert done.complete, done.problem
     assert (len(plan.indentations), len(plan.all_presses)) == (9, 9 + 4 + 4)

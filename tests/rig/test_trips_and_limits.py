@@ -48,7 +48,9 @@ def test_a_plan_only_lowers_the_soft_trip_and_leaves_the_hard_one(plan_n: float 
     ("area_mm2", "lowest_gwt", "name"),
     [(10.0, 203.943, "soft trip"), (5.0, 152.957, "pressure limit"), (0.1, 3.05915, "pressure limit")],
 )
-def test_the_lowest_trip_of_a_press_is_the_soft_trip_or_the_pressure_limit(area_mm2: float, lowest_gwt: float, name: str) -> None:
+def test_the_lowest_trip_of_a_press_is_the_soft_trip_or_the_pressure_limit(
+    area_mm2: float, lowest_gwt: float, name: str
+) -> None:
     """300 kPa over 10 mm² are 3 N, more than the soft trip; over 5 mm² 1.5 N, less."""
     trips = Trips(LimitSettings(), None)
     trips.press_on(area_mm2)
@@ -79,7 +81,9 @@ def _passes(
 
 @pytest.mark.parametrize("gwt_at_1_mm", [6.0, 40.0, 400.0, 4000.0])
 @pytest.mark.parametrize("trip_gwt", [2.0, 16.0, 204.0])
-def test_the_speed_of_a_move_sideways_keeps_a_collision_below_half_the_trip(trip_gwt: float, gwt_at_1_mm: float) -> None:
+def test_the_speed_of_a_move_sideways_keeps_a_collision_below_half_the_trip(
+    trip_gwt: float, gwt_at_1_mm: float
+) -> None:
     """Never faster than it travels, nor slower than any stage goes."""
     limit = SidewaysLimit.of(SETTINGS, trip_gwt, 0.05, FingerStiffness(gwt_at_1_mm))
     assert SLOWEST_MM_S <= limit.speed_mm_s <= SETTINGS.habits.travel_speed_mm_s
@@ -172,7 +176,9 @@ def test_a_trip_lifts_to_the_height_that_on_trip_configures(on_trip: str, from_m
         (-3.55, -3.6, 0.5),  # to the floor: limits.fall_mm, search_mm and max_doi_mm below the apex
     ],
 )
-def test_vertical_moves_within_length_speed_and_travel_limits_are_accepted(from_mm: float, to_mm: float, speed_mm_s: float) -> None:
+def test_vertical_moves_within_length_speed_and_travel_limits_are_accepted(
+    from_mm: float, to_mm: float, speed_mm_s: float
+) -> None:
     refuse_height(SETTINGS, from_mm, to_mm, speed_mm_s)
 
 

@@ -205,9 +205,7 @@ def test_after_homing_the_descent_is_one_move_at_the_descent_speed(spring: Make)
 
 @pytest.mark.parametrize("k_gwt", [6.0, 60.0])
 @pytest.mark.parametrize("weight_gwt", [0.0, 30.0])
-def test_before_the_first_zero_a_touch_ends_the_descent(
-    spring: Make, k_gwt: float, weight_gwt: float
-) -> None:
+def test_before_the_first_zero_a_touch_ends_the_descent(spring: Make, k_gwt: float, weight_gwt: float) -> None:
     """The finger lies 1.5 mm above clearance; the sensor shows the weight of the indentor."""
     bench = _homed(spring, k_gwt=k_gwt, contact_mm=3.5)
     truth_n, worst_gwt = bench.force_n, 0.0

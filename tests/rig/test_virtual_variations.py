@@ -165,7 +165,9 @@ def test_arriving_in_one_direction_compensates_measured_backlash(
 
 @pytest.mark.quick(rows=lambda measured, missing: measured is not None)
 @pytest.mark.parametrize(("measured", "missing"), [(0.5, 0.0), (None, 1.0)])
-def test_measured_compliance_corrects_the_depth_of_a_press(finger: Fingertip, tmp_path: Path, measured: float | None, missing: float) -> None:
+def test_measured_compliance_corrects_the_depth_of_a_press(
+    finger: Fingertip, tmp_path: Path, measured: float | None, missing: float
+) -> None:
     """0.5 mm/N under some 7 gwt is 0.03 mm: with the compliance measured the depth is as said, else less by it.
 
     What touch-off itself misses, up to an increment of 0.01 mm, is in the journal and taken off.

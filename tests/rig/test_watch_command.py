@@ -264,7 +264,9 @@ def _stop(folder: Path) -> None:
     append(folder / "events.jsonl", {"doc": "stop", "t_s": 90.0, "status": "tripped", "reason": "too much"})
 
 
-def test_rig_watch_ends_with_state_and_reason_of_a_killed_or_tripped_run(program: Program, run: Callable[[str], Path]) -> None:
+def test_rig_watch_ends_with_state_and_reason_of_a_killed_or_tripped_run(
+    program: Program, run: Callable[[str], Path]
+) -> None:
     folder = run("stopped")
     lines = program("watch", folder).out.splitlines()
     assert lines[-5] == "state   killed, 5 of 8 indentations"
@@ -275,7 +277,9 @@ def test_rig_watch_ends_with_state_and_reason_of_a_killed_or_tripped_run(program
     assert lines[-2:] == ["state   tripped, 5 of 8 indentations", "because too much"]
 
 
-def test_rig_watch_json_reports_the_current_state(program: Program, run: Callable[[str], Path], course: Course) -> None:
+def test_rig_watch_json_reports_the_current_state(
+    program: Program, run: Callable[[str], Path], course: Course
+) -> None:
     folder = run("stopped")
     last = read_run(folder).stream("sample")[-1]
     told = program("watch", folder, "--json").json
@@ -302,7 +306,9 @@ def test_rig_watch_json_reports_the_current_state(program: Program, run: Callabl
          "KeyError: 'force_gwt'"),
     ],
 )  # fmt: skip
-def test_rig_watch_refuses_a_folder_without_a_run_in_one_line(program: Program, tmp_path: Path, content: bytes | None, named: str) -> None:
+def test_rig_watch_refuses_a_folder_without_a_run_in_one_line(
+    program: Program, tmp_path: Path, content: bytes | None, named: str
+) -> None:
     folder = tmp_path / "odd"
     folder.mkdir()
     if content is not None:

@@ -102,7 +102,9 @@ LISTS = {
 
 @pytest.mark.parametrize("value", PYTHONS)
 @pytest.mark.parametrize("words", LISTS, ids=" ".join)
-def test_every_option_with_a_list_refuses_nan_and_infinity_in_one_line(words: tuple[str, ...], value: str, program: Program) -> None:
+def test_every_option_with_a_list_refuses_nan_and_infinity_in_one_line(
+    words: tuple[str, ...], value: str, program: Program
+) -> None:
     *before, option = words
     ended = program(*before, f"{option}={LISTS[words].format(value)}" if option != "--set" else option,
                     *([LISTS[words].format(value)] if option == "--set" else []))  # fmt: skip
@@ -151,7 +153,9 @@ def test_every_data_file_refuses_nan_and_infinity(file: str, value: str, tmp_pat
 
 
 @pytest.mark.parametrize("value", PYTHONS)
-def test_typed_answers_and_environment_variables_refuse_nan_and_infinity(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_typed_answers_and_environment_variables_refuse_nan_and_infinity(
+    value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(calibrate, "_wait_for_enter", lambda _: value)
     with pytest.raises(BadInputError):
         calibrate._typed_number("How many mm?")

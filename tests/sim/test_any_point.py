@@ -201,13 +201,17 @@ def test_fields_have_the_shape_of_the_points(small: Fingertip, results: list[Ind
 
 
 @pytest.mark.parametrize("points", [[], [1.0, 2.0], [[0.0, np.nan, 6.9]]])
-def test_fields_at_malformed_points_are_refused(small: Fingertip, results: list[IndentationResult], points: Any) -> None:
+def test_fields_at_malformed_points_are_refused(
+    small: Fingertip, results: list[IndentationResult], points: Any
+) -> None:
     with raises(ModelRangeError, "bad_points"):
         small.fields(results[0], points)
 
 
 @pytest.mark.parametrize("point", [(9.0, 0.0, 6.9), (0.0, 0.0, 6.9), (0.0, 2.5, 12.7)])
-def test_fields_at_points_outside_the_tissue_are_refused(small: Fingertip, results: list[IndentationResult], point: Any) -> None:
+def test_fields_at_points_outside_the_tissue_are_refused(
+    small: Fingertip, results: list[IndentationResult], point: Any
+) -> None:
     x, y, z = point
     with raises(ReceptorError, "outside_finger", x_mm=x, y_mm=y, z_mm=z) as caught:
         small.fields(results[0], [[0.0, 3.0, 6.9], point])
@@ -215,7 +219,9 @@ def test_fields_at_points_outside_the_tissue_are_refused(small: Fingertip, resul
     assert 10 <= printed(caught.value, " to ", " mm, and y") < 20
 
 
-def test_fields_of_a_press_of_another_finger_are_refused(coarse_finger: Fingertip, results: list[IndentationResult]) -> None:
+def test_fields_of_a_press_of_another_finger_are_refused(
+    coarse_finger: Fingertip, results: list[IndentationResult]
+) -> None:
     other = coarse_finger
     with raises(ModelRangeError, "other_finger", press=repr(results[0])):
         other.fields(results[0], [0.0, 3.0, 6.9])
@@ -236,7 +242,9 @@ LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
         ((0.0, 0.7, 14.0), "z_outside", LENGTH | {"z_mm": 14.0}),
     ],
 )
-def test_a_refused_receptor_place_is_named_with_its_allowed_range(small: Fingertip, place: Any, code: str, fields: dict[str, Any]) -> None:
+def test_a_refused_receptor_place_is_named_with_its_allowed_range(
+    small: Fingertip, place: Any, code: str, fields: dict[str, Any]
+) -> None:
     with raises(ReceptorError, code, **fields):
         small.points_below(*place)
 
@@ -251,7 +259,9 @@ def test_an_elastic_bone_has_strain_in_its_outer_half(coarse_config: FingertipCo
     assert BONE == 3
 
 
-def test_receptors_are_placed_at_every_combination_of_x_depth_and_z(tiny_config: FingertipConfig, folder: Path) -> None:
+def test_receptors_are_placed_at_every_combination_of_x_depth_and_z(
+    tiny_config: FingertipConfig, folder: Path
+) -> None:
     finger = Fingertip.load(
         tiny_config, receptor_x_mm=[-1, 1], receptor_depth_mm=[0.5, 0.8], receptor_z_mm=(6.0, 7.0)
     )

@@ -77,7 +77,9 @@ def test_the_contact_residual_equals_its_definition(finger: Fingertip, shape: st
     assert (result.state.multiplier >= 0).all()
 
 
-def test_an_unfinished_contact_solve_reports_that_it_did_not_converge(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unfinished_contact_solve_reports_that_it_did_not_converge(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # This scene takes some 30 passes: after one the residual is large and equals the definition, not a wish.
     monkeypatch.setattr(solver, "MAX_PASSES", 1)
     height = finger.touch_height_mm("bar:3.0", 0.0) - 1.33
@@ -179,7 +181,9 @@ def test_depth_zero_is_first_touch_with_the_continuous_skin(finger: Fingertip) -
 
 @pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])
 @pytest.mark.parametrize("profile", [Bar(0.8), SinusoidalStep("1")])
-def test_contact_candidates_found_at_one_height_hold_for_lower_ones(profile: Bar | SinusoidalStep, lower_mm: float) -> None:
+def test_contact_candidates_found_at_one_height_hold_for_lower_ones(
+    profile: Bar | SinusoidalStep, lower_mm: float
+) -> None:
     # Of a grid of nodes; beyond 0.3 mm what was not looked at may be touched: then it looks again.
     z, x = (v.ravel() for v in np.meshgrid(np.arange(4) * 0.3, np.arange(6) * 0.17, indexing="ij"))
     position = np.stack([x, -2.0 * (x - 0.4) ** 2, z], axis=1)

@@ -110,7 +110,9 @@ def test_univariate_search_zigzags_to_the_answer_of_rajus_worked_example(two: Fo
 
 
 @pytest.mark.parametrize(("step", "stuck"), [(3.0, [24.0, 9.0]), (0.01, [21.16, 12.83])])
-def test_grid_search_ends_short_of_the_answer_in_a_narrow_valley(two: ForwardOperator, step: float, stuck: list[float]) -> None:
+def test_grid_search_ends_short_of_the_answer_in_a_narrow_valley(
+    two: ForwardOperator, step: float, stuck: list[float]
+) -> None:
     """SCIENCE: steps of 0.001 of the range stick at [21.4, 12.6] on a half-space."""
     found = grid_search(two, two.sed(TRUE), START, WITHIN, step)
     assert found.converged
@@ -119,7 +121,9 @@ def test_grid_search_ends_short_of_the_answer_in_a_narrow_valley(two: ForwardOpe
     assert (found.pressure != START).any()
 
 
-def test_a_univariate_search_that_is_cut_off_is_not_converged(two: ForwardOperator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_univariate_search_that_is_cut_off_is_not_converged(
+    two: ForwardOperator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(univariate, "MOST_SWEEPS", 3)
     found = converged_search(two, two.sed(TRUE), START, WITHIN)
     assert not found.converged
@@ -286,7 +290,9 @@ def four() -> ForwardOperator:
 # --- receptors anywhere ---
 
 
-def test_scattered_receptors_have_the_strain_of_evenly_spaced_ones(sampled: SampledSection, scattered: ReceptorSection) -> None:
+def test_scattered_receptors_have_the_strain_of_evenly_spaced_ones(
+    sampled: SampledSection, scattered: ReceptorSection
+) -> None:
     assert_allclose(scattered.strain_per_node[:, 1], sampled.strain_per_node[:, 0])
     assert_allclose(scattered.place_mm, [1.1, -2.04, 0.4])
     assert scattered.material == sampled.material

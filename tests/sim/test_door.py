@@ -100,13 +100,17 @@ TISSUE: Any = Tissue()
         (lambda simple: to_pandas(simple.indent("sphere:4", doi_mm=0.2)), "no_table", "IndentationResult"),
     ],
 )
-def test_an_argument_of_a_wrong_type_is_refused_by_its_type(halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str) -> None:
+def test_an_argument_of_a_wrong_type_is_refused_by_its_type(
+    halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str
+) -> None:
     with raises(ArgumentError, code, kind=kind):
         call(halfspace)
 
 
 @pytest.mark.parametrize(("tolerance", "quantities"), [(0.0, ()), (1.0, ()), (float("nan"), ()), (0.1, ("s33",))])
-def test_an_aim_refuses_an_impossible_tolerance_or_unknown_quantity(tolerance: float, quantities: tuple[str, ...]) -> None:
+def test_an_aim_refuses_an_impossible_tolerance_or_unknown_quantity(
+    tolerance: float, quantities: tuple[str, ...]
+) -> None:
     with raises(ModelRangeError, "unknown_quantity" if quantities else "bad_tolerance"):
         Aim(quantities or ("force",), tolerance)
 

@@ -37,7 +37,9 @@ def plain() -> ForwardOperator:
 
 
 @pytest.mark.parametrize("energy", ["incompressible", "finite"])
-def test_the_convolution_operator_agrees_with_numpy_and_rajus_block_diagram(responses: ImpulseResponses, energy: Energy) -> None:
+def test_the_convolution_operator_agrees_with_numpy_and_rajus_block_diagram(
+    responses: ImpulseResponses, energy: Energy
+) -> None:
     """Raju (1998), Fig. 6-6, by numpy's own convolution."""
     pressure = np.array([20.0, 14.0, 0.0, 3.0])
     h, g, f = (np.convolve(pressure, response) for response in responses.strain)

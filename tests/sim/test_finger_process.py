@@ -136,7 +136,9 @@ def test_an_interrupted_request_to_a_finger_process_never_answers_the_next(finge
         signal.signal(signal.SIGALRM, before)
 
 
-def test_a_finger_that_cannot_be_loaded_is_an_error_at_every_request(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_finger_that_cannot_be_loaded_is_an_error_at_every_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "file"))
     with FingerProcess(FingertipConfig()) as process:

@@ -15,9 +15,7 @@ from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
 
-def test_a_cached_model_answers_as_the_one_just_made(
-    coarse_config: FingertipConfig, tmp_path_factory: Any
-) -> None:
+def test_a_cached_model_answers_as_the_one_just_made(coarse_config: FingertipConfig, tmp_path_factory: Any) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("models")))
         made, read = (Fingertip.load(coarse_config) for _ in range(2))

@@ -193,7 +193,9 @@ def test_the_order_of_presses_with_friction_matters_only_without_lifting(coarse_
         ({"friction": 0.3, "other_paths": True}, "friction_with_other_paths"),
     ],
 )
-def test_an_impossible_friction_coefficient_is_refused(coarse_finger: Fingertip, options: dict[str, Any], code: str) -> None:
+def test_an_impossible_friction_coefficient_is_refused(
+    coarse_finger: Fingertip, options: dict[str, Any], code: str
+) -> None:
     with pytest.raises(SimError) as caught:
         coarse_finger.indent("bar:3.0", doi_mm=0.3, **options)
     assert caught.value.code == code

@@ -102,7 +102,9 @@ HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
         ({"bone_fraction": 0.4}, None),
     ],
 )
-def test_the_half_space_modulus_is_fitted_to_the_layers_or_refused(tissue: dict[str, float], ratio: float | None) -> None:
+def test_the_half_space_modulus_is_fitted_to_the_layers_or_refused(
+    tissue: dict[str, float], ratio: float | None
+) -> None:
     config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.5, 0.6))
     if ratio is None:
         with raises(ModelRangeError, "no_modulus", keys=next(iter(tissue))):

@@ -108,7 +108,9 @@ def test_force_control_converges_towards_zero_force(pressed: tuple[Fingertip, In
 
 @pytest.mark.parametrize(("profile", "reach_mm"), [(Bar(1.5, 0.0), 0.75), (Bar(1.5, 0.05), 0.7), (KINK, 0.0)])
 @pytest.mark.parametrize("doi", [0.02, 0.73])
-def test_a_node_exactly_on_an_indentor_edge_changes_the_force_continuously(finger: Fingertip, profile: IndentorProfile, reach_mm: float, doi: float) -> None:
+def test_a_node_exactly_on_an_indentor_edge_changes_the_force_continuously(
+    finger: Fingertip, profile: IndentorProfile, reach_mm: float, doi: float
+) -> None:
     # Nothing hangs on which side round-off puts it: 1e-9 mm to either side moves the force by 9e-9 at most, which is
     # the force's own slope in x.
     x = node_near(finger, 0.3) - reach_mm
@@ -274,7 +276,9 @@ def test_a_force_found_as_depth_gives_the_same_force(pressed: tuple[Fingertip, I
 
 
 @pytest.mark.parametrize("profile", [Wedge(60.0, 0.0), Wedge(5.0, 0.0), Bar(1.5, 0.0)])
-def test_a_force_found_as_depth_gives_the_same_force_at_knife_edges(finger: Fingertip, profile: IndentorProfile) -> None:
+def test_a_force_found_as_depth_gives_the_same_force_at_knife_edges(
+    finger: Fingertip, profile: IndentorProfile
+) -> None:
     # Several equilibria, but both searches press in from first touch by the same way, so they reach the same one.
     for gwt in (0.5, 2.33, 5.0):
         depth = finger.indent(profile, 0.1, force_gwt=gwt).doi_mm
@@ -327,7 +331,9 @@ def errors_on(tissue: Tissue) -> tuple[float, float]:
     ],
     ids=lambda t: f"poisson {t.poisson:g}, bone {t.bone} {t.e_bone:g}, dermis {t.e_dermis:g}",
 )
-def test_contact_on_extreme_tissue_is_in_equilibrium(tissue: Tissue, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_contact_on_extreme_tissue_is_in_equilibrium(
+    tissue: Tissue, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     # Contact forces put back into the stiffness of all nodes, as test_uncondensed.py does for the default tissue.
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("models")))

@@ -213,7 +213,9 @@ def test_a_picture_shows_the_face_of_the_indentor_with_dark_raised(tmp_path: Pat
     ("width_mm", "option", "edge_mm"),
     [(3.0, "", 0.05), (3.0, ",edge_mm=0.2", 0.2), (12.0, "", 0.14)],
 )
-def test_edges_of_a_picture_are_rounded_by_the_edge_width(tmp_path: Path, width_mm: float, option: str, edge_mm: float) -> None:
+def test_edges_of_a_picture_are_rounded_by_the_edge_width(
+    tmp_path: Path, width_mm: float, option: str, edge_mm: float
+) -> None:
     """As by a Gaussian of 0.05 mm, or of 0.7 pixels where these are large: a step's slope says so, in its middle."""
     Image.fromarray(np.tile(np.where(np.arange(60) < 30, 0, 255), (60, 1)).astype(np.uint8)).save(tmp_path / "a.png")
     there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm={width_mm},height_mm=0.1{option}")

@@ -98,7 +98,9 @@ def test_strains_by_influence_equal_those_of_a_press(section: SampledSection) ->
 
 
 @pytest.mark.parametrize("x_mm", [0.0, 0.23, -1.9])
-def test_a_point_load_on_the_section_equals_the_line_load_of_the_influence(section: SampledSection, x_mm: float) -> None:
+def test_a_point_load_on_the_section_equals_the_line_load_of_the_influence(
+    section: SampledSection, x_mm: float
+) -> None:
     load = section.finger.point_load(x_mm, 3.0)
     angle = section.line.angles(section.sampling.place_mm)
     per_force = section.under_loads(section.line.places(x_mm))[:, :, 0, 0] * PSEUDO_E_EPIDERMIS

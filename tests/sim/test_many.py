@@ -79,7 +79,9 @@ def test_many_presses_in_two_processes_give_the_same_results_in_order(coarse: Fi
     assert len({id(result.model) for result in bars}) == 1  # what they keep of the model is kept once
 
 
-def test_the_rows_of_many_presses_are_the_broadcast_arguments(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rows_of_many_presses_are_the_broadcast_arguments(
+    coarse: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     nothing = IndentationOutcome(None, "not asked")
     monkeypatch.setattr(many_indentations, "_press", lambda *_: nothing)
     bar, own = Indentor.along(Bar(2.0)), Cylinder(4.0)
@@ -175,7 +177,9 @@ def test_write_csv_writes_columns_of_equal_length(tmp_path: Path) -> None:
         write_csv(path, {"shape": np.zeros(1), "force_gwt": np.zeros(2)})
 
 
-def test_to_xarray_turns_columns_into_a_data_set(mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_to_xarray_turns_columns_into_a_data_set(
+    mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "xarray.py").write_text("def Dataset(variables, coords):\n    return variables, coords\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "xarray", raising=False)
@@ -187,7 +191,9 @@ def test_to_xarray_turns_columns_into_a_data_set(mixed: Indentations, tmp_path: 
 
 
 @pytest.mark.parametrize(("convert", "package"), [(to_pandas, "pandas"), (to_xarray, "xarray")])
-def test_converting_without_pandas_or_xarray_names_the_package(convert: Any, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_converting_without_pandas_or_xarray_names_the_package(
+    convert: Any, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     with raises(NotInstalledError, "not_installed", package=package):
         convert({})

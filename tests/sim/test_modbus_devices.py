@@ -70,7 +70,9 @@ def test_virtual_devices_ignore_a_bad_crc_and_frames_to_other_devices(host: Host
         ("03 10 00 05 00 01 02 00 63", "03 90 03"),  # no such command
     ],
 )
-def test_the_virtual_drive_answers_illegal_requests_with_modbus_exceptions(host: Host, rtu: Rtu, question: str, answer: str) -> None:
+def test_the_virtual_drive_answers_illegal_requests_with_modbus_exceptions(
+    host: Host, rtu: Rtu, question: str, answer: str
+) -> None:
     assert host.say(rtu(question)) == rtu(answer)
 
 
@@ -153,7 +155,9 @@ def test_a_broadcast_stops_every_virtual_drive_without_an_answer(host: Host, rtu
 
 
 @pytest.mark.parametrize(("word", "sign"), [("40 01", 1), ("40 02", -1)])
-def test_a_jog_of_the_virtual_drive_ends_50_ms_after_its_last_command(host: Host, rtu: Rtu, word: str, sign: int) -> None:
+def test_a_jog_of_the_virtual_drive_ends_50_ms_after_its_last_command(
+    host: Host, rtu: Rtu, word: str, sign: int
+) -> None:
     """60 rpm are 400 pulses/s: one word is 20 pulses, fifty at 40 ms from each other are 49 · 16 + 20."""
     host.say(rtu(f"01 06 18 01 {word}"), 1.0)
     assert sign * (host.drive.carriage_at(host.clock.monotonic_s()) + 4000) == pytest.approx(20, abs=2)

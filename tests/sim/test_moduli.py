@@ -111,7 +111,9 @@ def load(finger: FingertipConfig, *, exact: bool) -> Fingertip:
 
 
 @pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.04, 0.02), (0.64, 0.02), (0.588, 0.25)])
-def test_an_interpolated_finger_is_within_its_stated_errors_of_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
+def test_an_interpolated_finger_is_within_its_stated_errors_of_a_full_build(
+    nodes: Path, e_dermis: float, e_fat: float
+) -> None:
     near, full = (load(config(e_dermis, e_fat), exact=exact) for exact in (False, True))
     ratio = eigh(near.model.patch.compliance, full.model.patch.compliance, eigvals_only=True)
     assert np.abs(ratio - 1).max() < largest_error()
@@ -163,7 +165,9 @@ def test_moduli_beyond_the_interpolation_range_are_refused(e_dermis: float, e_fa
         load(config(e_dermis, e_fat), exact=False)
 
 
-def test_a_missing_build_of_an_interpolated_finger_is_made_and_logged(nodes: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_missing_build_of_an_interpolated_finger_is_made_and_logged(
+    nodes: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     node = nodes_for(config(), PLACES)[6]
     node.files[0].unlink()
     with caplog.at_level(logging.INFO, "sim.models.interpolation"):

@@ -80,7 +80,9 @@ def butterworth(derivative: int) -> Array:
         ),
     ],
 )
-def test_afferent_filters_are_exact_for_linear_input_between_samples(ours: Callable[[Array], Array], exact: Callable[[], Array]) -> None:
+def test_afferent_filters_are_exact_for_linear_input_between_samples(
+    ours: Callable[[Array], Array], exact: Callable[[], Array]
+) -> None:
     known = exact()
     np.testing.assert_allclose(ours(BENT[None])[0], known, rtol=0, atol=1e-9 * np.abs(known).max())
 
@@ -208,7 +210,9 @@ def test_an_earlier_press_lowers_the_sa1_response() -> None:
 
 
 @pytest.mark.parametrize(("name", "frequency_hz", "amplitude_um"), [("RA", 40.0, 110.0), ("PC", 250.0, 30.0)])
-def test_ra_and_pc_fire_one_phase_locked_spike_per_vibration_cycle(name: str, frequency_hz: float, amplitude_um: float) -> None:
+def test_ra_and_pc_fire_one_phase_locked_spike_per_vibration_cycle(
+    name: str, frequency_hz: float, amplitude_um: float
+) -> None:
     found = trains(name, vibrating(frequency_hz, amplitude_um), np.ones(6), 2e-4)
     cut = [one[(one > 1.1) & (one < 1.9)] for one in found]
     assert [len(one) / (0.8 * frequency_hz) for one in cut] == pytest.approx(np.ones(6), rel=0.05)
@@ -296,7 +300,9 @@ def test_malformed_arguments_of_afferents_are_refused_with_a_code(code: str, wro
         ("step_too_long", vibrating(250.0, 10.0), 1e-3),
     ],
 )
-def test_a_stimulus_beyond_depth_or_step_limits_is_refused_with_a_code(code: str, stimulus: Stimulus, step_s: float) -> None:
+def test_a_stimulus_beyond_depth_or_step_limits_is_refused_with_a_code(
+    code: str, stimulus: Stimulus, step_s: float
+) -> None:
     with raises(ModelRangeError, code):
         skin("SA1").signal(stimulus, step_s)
 

@@ -52,7 +52,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_an_afferent_request_that_cannot_be_placed_is_refused(halfspace: Fingertip, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_afferent_request_that_cannot_be_placed_is_refused(
+    halfspace: Fingertip, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sim.nerve.population._MOST_TRIES", 20)
     with raises(ModelRangeError, "unknown_density", density="cat paw"):
         population(halfspace, "cat paw")

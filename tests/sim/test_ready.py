@@ -43,7 +43,7 @@ def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     known.cache_clear()
 
 
-def test_compiled_loops_are_kept_in_the_users_own_cache_folder(modules: Path, tmp_path: Path) -> None:
+def test_compiled_loops_are_stored_in_the_cache_folder_of_the_user(modules: Path, tmp_path: Path) -> None:
     made = compiling.compiled(doubled)
     assert made(3.0) == 6.0
     assert list((tmp_path / "cache").glob("indentation-rig/loops-*/*/*.nbc"))
@@ -59,7 +59,7 @@ def test_loops_without_a_cache_folder_are_compiled(modules: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("changed", LOOPS[::4])
-def test_changed_module_is_compiled_again(modules: Path, changed: str) -> None:
+def test_a_changed_module_is_compiled_again(modules: Path, changed: str) -> None:
     before = compiling._folder()
     compiling._folder.cache_clear()
     assert compiling._folder() == before
@@ -83,7 +83,7 @@ def test_loops_unused_for_a_day_are_removed(modules: Path, unused_s: int, kept: 
     assert mine.stat().st_mtime > used_s + 3_600  # it is used now
 
 
-def test_compilation_is_announced_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_is_logged_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     warmup.make_ready.cache_clear()
 
     def compiles(*_: object, **__: object) -> None:

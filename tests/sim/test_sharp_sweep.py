@@ -70,7 +70,7 @@ def test_every_sharp_scene_converges(unwidened: Fingertip, group: str) -> None:
 POSES = 45
 
 
-def test_every_random_pose_converges(unwidened: Fingertip) -> None:
+def test_every_random_pose_of_a_sharp_indentor_converges(unwidened: Fingertip) -> None:
     # The solver aims at 1e-10 and is required to reach 1e-8; `make bench` draws 2 000 such poses.
     solved = list(draw(unwidened, POSES, seed=1))
     missed = [(scene, r.state.residual) for scene, r in solved if r.state.residual > 1e-10]

@@ -52,7 +52,9 @@ def test_a_layer_as_soft_as_the_half_space_changes_no_strain() -> None:
 
 
 @pytest.mark.parametrize(("half_width_mm", "linear", "logarithmic"), [(1.0, 3.82, 3.92), (1.25, 3.86, 4.08)])
-def test_sed_under_a_stiff_epidermis_falls_with_about_the_fourth_power(half_width_mm: float, linear: float, logarithmic: float) -> None:
+def test_sed_under_a_stiff_epidermis_falls_with_about_the_fourth_power(
+    half_width_mm: float, linear: float, logarithmic: float
+) -> None:
     # An epidermis of 0.4 mm, ten times stiffer: 3.82–3.86 by a linear fit, 3.9–4.2 by a logarithmic one, by range.
     x, z = square(half_width_mm)
     material = Elastic(BELOW, 0.48)
