@@ -18,7 +18,7 @@ CANNOT = {
     "rig/real_time/test_bench_verbs.py::test_status_of_ports_that_are_not_there_and_of_one_that_is_owned": _UNNAMED,
     "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[a person mounts]": _PIPES,
     "rig/real_time/test_by_hand_commands.py::test_without_a_sensor_nothing_moves": _PTYS,
-    "rig/real_time/test_by_hand_process.py::test_two_drives_on_a_bus_are_stopped_while_they_jog": _PTYS,
+    "rig/real_time/test_by_hand_process.py::test_two_drives_on_a_bus_are_stopped_in_a_step": _PTYS,
     "rig/real_time/test_by_hand_process.py::test_why_it_does_not_begin_is_one_line": _UNNAMED,
     "rig/real_time/test_calibrate.py": _PTYS,
     "rig/real_time/test_jog_command.py": _PTYS,
@@ -36,11 +36,12 @@ CANNOT = {
     "rig/test_control_socket.py::test_a_folder_that_others_could_read_is_closed": _MODES,
     "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
     "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
-    "rig/test_every_end.py::test_every_early_ending_tells_where_the_indentor_is_and_how_to_resume[SIGHUP": _SIGNALS,
-    "rig/test_every_end.py::test_every_early_ending_tells_where_the_indentor_is_and_how_to_resume[rig stop, or Ctrl-C": _SIGNALS,
-    "rig/test_every_signal.py::test_no_signal_suspends_or_ends": _SIGNALS,
+    "rig/test_every_end.py::test_every_early_ending_tells_position_and_resume_command[SIGHUP": _SIGNALS,
+    "rig/test_every_end.py::test_every_early_ending_tells_position_and_resume_command[rig stop, or Ctrl-C": _SIGNALS,
+    "rig/test_every_signal.py::test_every_command_that_runs_a_protocol_handles_every_signal": _SIGNALS,
+    "rig/test_every_signal.py::test_every_bench_command_that_moves_handles_signals": _SIGNALS,
     **{
-        f"rig/test_every_signal.py::test_the_first_signal_lifts_the_indentor_and_a_second_one_stops_at_once[{times}-{name}": _SIGNALS
+        f"rig/test_every_signal.py::test_the_first_signal_lifts_and_the_second_stops_at_once[{times}-{name}": _SIGNALS
         for times in (1, 2)
         for name in ("SIGTSTP", "SIGQUIT")
     },

@@ -328,7 +328,7 @@ SHOWN_BY = {"data": "tests/rig/test_data_dictionary.py"}
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("python")], ids=str)
-def test_the_python_code_on_every_page_runs_or_is_listed_as_not_run(
+def test_python_on_every_page_runs_or_is_excused(
     block: Block, program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

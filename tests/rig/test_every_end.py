@@ -167,7 +167,7 @@ def _written(folder: Path, end: End) -> list[str]:
 
 
 @pytest.mark.parametrize(("name", "as_json"), [*((name, True) for name in ENDS), ("the stage fails", False)])
-def test_every_early_ending_tells_where_the_indentor_is_and_how_to_resume(
+def test_every_early_ending_tells_position_and_resume_command(
     rig: Callable[..., Ended],
     striking: Callable[[Strike], pytest.MonkeyPatch],
     tmp_path: Path,

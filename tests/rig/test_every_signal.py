@@ -160,7 +160,7 @@ def test_every_command_that_runs_a_protocol_handles_every_signal(
 
 
 @pytest.mark.parametrize("command", AT_THE_BENCH)
-def test_every_bench_command_that_moves_handles_signals_and_the_stop_key_of_the_participant(
+def test_every_bench_command_that_moves_handles_signals_and_the_participants_stop_key(
     command: str,
     served: Callable[..., ServedBench],
     program: Program,
@@ -200,7 +200,7 @@ def test_every_bench_command_that_moves_handles_signals_and_the_stop_key_of_the_
 @pytest.mark.parametrize("command", ["dry-run", "run"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGTSTP", "SIGQUIT"])
 @pytest.mark.parametrize("times", [1, 2])
-def test_the_first_signal_lifts_the_indentor_and_a_second_one_stops_at_once(
+def test_the_first_signal_lifts_and_the_second_stops_at_once(
     command: str, name: str, times: int, beside_a_script: Path, program: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without a terminal nobody can go on: it ends."""

@@ -96,9 +96,7 @@ def _felt_gwt(late_s: float) -> float:
     return 10.0 * replace(stopping, latency_s=stopping.latency_s + late_s).distance_mm ** 1.5
 
 
-def test_a_finger_that_came_nearer_is_pressed_no_deeper_than_the_stopping_distance_unless_the_sensor_is_dead() -> (
-    None
-):
+def test_a_finger_that_came_nearer_is_pressed_no_deeper_than_the_stopping_distance() -> None:
     cells = _nearer()
     assert set(cells) == {(way, fault) for way in phases.WAYS_BACK for fault in (phases.NO_FAULT, *phases.FAULTS)}
     dead = ("frozen at 0", "frozen at its value")

@@ -114,9 +114,7 @@ class Shown:
 @pytest.mark.quick(rows=lambda name: name != "a dry run")  # as the first part of one that was taken up
 @pytest.mark.usefixtures("empty_figures", "finger")
 @pytest.mark.parametrize("name", MADE)
-def test_terminal_watch_panel_and_show_agree_after_every_journal_document(
-    name: str, program: Program, tmp_path: Path
-) -> None:
+def test_all_views_of_a_run_agree_after_every_document(name: str, program: Program, tmp_path: Path) -> None:
     shown = Shown(MADE[name](program, tmp_path), tmp_path / "shown")
     last_s, latest = 0.0, RunState()
     for number, line in enumerate(shown.lines):

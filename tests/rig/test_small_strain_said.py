@@ -124,7 +124,7 @@ LAYERED = "[finger.tissue]\ne_dermis = 1.0\ne_fat = 1.0\n"
 
 @pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize("place", ["rig indent", "rig check", "a comparison's report"])
-def test_every_output_states_that_small_strain_error_of_another_finger_is_unknown(place: str, at: At) -> None:
+def test_every_output_says_that_another_finger_was_not_compared(place: str, at: At) -> None:
     (at.folder / "coarse.toml").write_text(COARSE + LAYERED, encoding="utf-8")
     said = PLACES[place](at._replace(study="[finger.tissue]\ne_dermis = [1.0]\n" + STUDY))
     assert NOT_MEASURED in said

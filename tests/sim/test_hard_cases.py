@@ -269,7 +269,9 @@ def test_force_control_on_the_finger_finds_a_force_short_of_the_rim(
 
 @every_family
 @pytest.mark.parametrize("gwt", [0.5, 2.33, 5.0])
-def test_a_force_found_as_depth_gives_the_same_force(pressed: tuple[Fingertip, Indentor, float], gwt: float) -> None:
+def test_a_force_found_as_depth_gives_the_same_force_from_rest(
+    pressed: tuple[Fingertip, Indentor, float], gwt: float
+) -> None:
     finger, shape, x = pressed
     depth = finger.indent(shape, x, force_gwt=gwt).doi_mm
     assert finger.indent(shape, x, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
@@ -331,9 +333,7 @@ def errors_on(tissue: Tissue) -> tuple[float, float]:
     ],
     ids=lambda t: f"poisson {t.poisson:g}, bone {t.bone} {t.e_bone:g}, dermis {t.e_dermis:g}",
 )
-def test_contact_on_extreme_tissue_is_in_equilibrium(
-    tissue: Tissue, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_extreme_tissue_is_in_equilibrium(tissue: Tissue, tmp_path_factory: pytest.TempPathFactory) -> None:
     # Contact forces put back into the stiffness of all nodes, as test_uncondensed.py does for the default tissue.
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("models")))
