@@ -203,7 +203,7 @@ def test_gallery_encode_adds_noise_and_silences_receptors() -> None:
     assert 0 < int((noisy.rate == 0).sum()) < 41
 
 
-def test_gallery_decode_converges_within_half_of_the_truth() -> None:
+def test_gallery_decode_converges_with_a_relative_error_below_half() -> None:
     left = _run("12_decode")
     assert left["found"].converged
     assert left["errors"].relative_l2 < 0.5

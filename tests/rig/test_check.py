@@ -59,7 +59,7 @@ def test_check_predicts_duration_and_peak_force_of_the_dry_run(
     assert said["peak_force_gwt"] == pytest.approx(_peak_gwt(done.run), rel=0.02)
 
 
-def test_check_errs_by_the_stiffness_of_a_stiffer_relaxing_finger_and_no_trip_occurs(
+def test_a_stiffer_relaxing_finger_exceeds_the_predicted_peak_without_a_trip(
     finger: Fingertip, tmp_path: Path
 ) -> None:
     """By depth the force is off by the stiffness, less what relaxes; docs/validation/check.md states how much."""

@@ -87,7 +87,7 @@ def test_on_a_dark_page_only_text_on_a_color_map_keeps_its_color(
     assert group.startswith("map") is kept
 
 
-def test_edges_of_markers_on_a_map_stay_on_a_dark_page() -> None:
+def test_edges_of_markers_on_a_color_map_keep_their_color_on_a_dark_page() -> None:
     """Browsers do not find the map around a marker that they repeat, so that it has a rule of its own."""
     marks = guide("plot", [0, 1], [0, 1], "o", mfc="black", mec="white")
     svg = Plot((3, 3), [Subplot("", "", [guide("imshow", CELLS), marks])]).page_svg

@@ -232,6 +232,6 @@ def test_a_rotation_by_90_degrees_maps_a_pose_as_calculated_on_paper() -> None:
     assert (tilted.x_mm, tilted.above_apex_mm, tilted.along_mm) == pytest.approx((0.0, -1.5, -3.0))
 
 
-def test_only_a_sphere_presses_a_rotated_finger(finger: Fingertip) -> None:
+def test_only_a_sphere_presses_a_turned_finger(finger: Fingertip) -> None:
     with raises(ModelRangeError, "turned_finger", indentor="bar:3.0"):
         PressedFinger(finger, "bar:3.0", Truth(turn=Turn(roll_deg=2.0)))

@@ -220,7 +220,7 @@ def test_status_and_doctor_measure_contact_now(
 
 
 @pytest.mark.parametrize("why", ["moved since", "no zero", "another sensor", "no force", "owned"])
-def test_status_says_when_contact_was_last_measured_where_it_cannot_measure(
+def test_status_without_a_measurement_states_when_contact_was_last_measured(
     why: str, looked_at: Callable[[HandBench], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = HandBench("grbl", above_mm=CLEARANCE_MM, zero=None if why == "no zero" else ZERO, lifted=True)

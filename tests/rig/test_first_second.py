@@ -73,7 +73,7 @@ for words in json.loads(sys.argv[1]):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
-def test_a_command_waits_for_no_library_that_it_does_not_use(tmp_path: Path) -> None:
+def test_a_command_imports_no_library_that_the_command_does_not_use(tmp_path: Path) -> None:
     """Each command is carried out where nothing but the command line has been imported."""
     shutil.copytree(OLD_RUN, tmp_path / "run")
     asked = [sys.executable, "-c", ASKED, json.dumps(list(IMPORTS))]
@@ -117,7 +117,7 @@ def test_a_mistyped_command_is_refused_with_the_nearest_command(
     assert f"{typed!r}; did you mean {meant}" in complaint
 
 
-def test_a_command_after_two_dashes_is_executed(
+def test_a_command_after_two_dashes_is_carried_out(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It ended with 0 and had done nothing, a stop too."""

@@ -39,7 +39,7 @@ def _asked_s(board: Board, line: bytes = LINE_X) -> list[float]:
 
 
 @pytest.mark.parametrize("state", ["Alarm", "Sleep", "Check", "Alarm:1"])
-def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state: str) -> None:
+def test_a_board_state_that_cannot_lead_to_arrival_ends_a_move_at_once(board: Board, state: str) -> None:
     stage = connected(board)
     board.status = at(state)
     with raises(StageError, "left_move", state=state):

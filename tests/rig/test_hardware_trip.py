@@ -71,7 +71,7 @@ def test_the_relay_stops_a_press_whose_program_is_frozen(stage: str, name: str, 
 
 
 @pytest.mark.parametrize(("stage", "name"), CASES)
-def test_a_press_stopped_by_the_relay_trips(stage: str, name: str) -> None:
+def test_a_press_that_the_relay_stops_trips(stage: str, name: str) -> None:
     """Its set-point lies below the soft trip here: it should lie above the hard one."""
     config = _config(stage, trip_input=name, trip_gwt=2.0)
     bench = _bench(config)

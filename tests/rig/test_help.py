@@ -68,7 +68,7 @@ KNOWN = {"--columns"}
 """Flags of one command that concern the same thing as the value of another."""
 
 
-def test_no_option_is_a_flag_in_one_command_and_takes_a_value_in_another() -> None:
+def test_no_option_is_a_flag_on_one_command_and_takes_a_value_on_another() -> None:
     kinds = defaultdict[str, set[bool]](set)
     for option in OPTIONS.values():
         if option.param_type_name == "option":

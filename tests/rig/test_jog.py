@@ -47,7 +47,7 @@ def test_a_jog_covers_its_distance_within_one_motor_step() -> None:
     assert bench.stage.status().x_mm == pytest.approx(-1.2345, abs=0.0025)
 
 
-def test_an_interrupt_stops_a_jog_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_ends_a_jog_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
     until_s, status = bench.clock.monotonic_s() + 0.5, bench.stage.status
 
@@ -99,7 +99,7 @@ class Scripted(StubStage):
 
 
 @pytest.mark.parametrize("state", ["Hold:0", "Door:1"])
-def test_a_held_board_gets_no_jog(state: str) -> None:
+def test_no_jog_is_sent_to_a_board_in_hold(state: str) -> None:
     stage = Scripted(state)
     with raises(StageHeld, "held"):
         jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]

@@ -82,7 +82,7 @@ def test_events_during_a_stuck_disk_are_kept_and_shown_in_order_afterwards(run: 
     assert [d["data"]["text"] for d in read_journal(run.journal.path) if d["doc"] == "event"] == ["a", "b", "c"]
 
 
-def test_waiting_events_are_flushed_together(run: Run, disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_events_that_wait_are_flushed_together(run: Run, disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
     disk.sticks()
     run.note("a")
     assert disk.waits.wait(DEADLINE_S)

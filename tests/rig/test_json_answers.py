@@ -177,7 +177,7 @@ def test_every_key_of_a_json_schema_has_a_unit_list_or_format(command: str) -> N
     ]
 
 
-def test_json_schema_needs_no_other_argument(program: Program) -> None:
+def test_the_json_schema_option_needs_no_other_argument(program: Program) -> None:
     for command in ("stop", "calibrate", "calibrate steps", "compare"):
         printed = program(*command.split(), "--json-schema")
         assert (printed.code, json.loads(printed.out)) == (0, schema_of_command(command.split()[0]))

@@ -218,7 +218,7 @@ def test_every_verb_refuses_a_value_that_is_no_number(name: str, value: Any) -> 
 
 @few
 @given(apex_mm=st.floats(-38.0, -5.0), doi_mm=st.none() | st.sampled_from((0.3, 1.0)), data=st.data())
-def test_nothing_is_pressed_or_touched_below_the_floor_or_the_travel(
+def test_presses_and_touches_below_the_lowest_z_or_the_travel_are_refused(
     apex_mm: float, doi_mm: float | None, data: st.DataObject
 ) -> None:
     """Down to limits.search_mm below an expected contact, or to the depth; without a depth it is touched only."""
@@ -254,7 +254,7 @@ def _counted(what: str, number: object, rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("what", COUNTS)
-def test_a_count_is_a_whole_number_up_to_a_hundred(what: str) -> None:
+def test_every_count_of_a_verb_is_a_whole_number_from_1_to_100(what: str) -> None:
     for number in (1, 100):
         walked(partial(_counted, what, number))
     for number in (0, 101, -1, True, 2.0, "2"):
@@ -354,7 +354,7 @@ def test_the_limits_apply_to_the_upper_end_of_the_band_of_an_identified_finger()
     fastest_mm_s=st.floats(1.0, 5.0),
     free_mm=st.just(math.inf) | st.floats(-1.0, 3.0), data=st.data(),
 )  # fmt: skip
-def test_a_vertical_move_is_short_slow_and_within_the_travel(
+def test_vertical_moves_are_limited_in_length_speed_and_travel(
     from_mm: float, speed_mm_s: float, fastest_mm_s: float, free_mm: float, data: st.DataObject
 ) -> None:
     """Below clearance no longer than an increment beyond what is free, no faster than a finger is pressed."""

@@ -125,7 +125,7 @@ def test_a_script_that_cannot_be_carried_out_is_refused_with_its_line(
 
 
 @pytest.mark.parametrize(("along_mm", "z_mm"), [(-1.5, 5.393), (0.0, 6.893), (1.5, 8.393)])
-def test_along_the_finger_is_counted_from_the_receptor_plane_towards_the_tip(
+def test_positions_along_the_finger_count_from_the_receptor_plane_towards_the_tip(
     finger: Fingertip, along_mm: float, z_mm: float
 ) -> None:
     """The plane is 6.893 mm from the proximal end: 12.75 − 5.857."""

@@ -98,6 +98,6 @@ def test_the_strict_type_tests_cover_every_settings_file() -> None:
     assert sum(len(model.model_fields) for model in MODELS.values()) > 200
 
 
-def test_a_whole_number_and_a_negative_zero_are_numbers() -> None:
+def test_a_numeric_key_accepts_a_whole_number_and_a_negative_zero() -> None:
     found = Geometry.model_validate({"length_mm": 13, "proximal_lean_mm": -0.0})
     assert (type(found.length_mm), found.length_mm, found.proximal_lean_mm) == (float, 13.0, 0.0)

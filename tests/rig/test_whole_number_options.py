@@ -68,7 +68,7 @@ PYTHONS = ["nan", "-inf", "Infinity", "1_0", "١٢", "１２"]
 
 
 @pytest.mark.parametrize("value", PYTHONS)
-def test_every_numeric_option_refuses_nan_and_infinity_in_one_line(
+def test_every_numeric_option_refuses_nan_infinity_and_odd_spellings_in_one_line(
     value: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No length, force, gain or time is infinite, or no number; without effect is not an exception."""
@@ -102,7 +102,7 @@ LISTS = {
 
 @pytest.mark.parametrize("value", PYTHONS)
 @pytest.mark.parametrize("words", LISTS, ids=" ".join)
-def test_every_option_with_a_list_refuses_nan_and_infinity_in_one_line(
+def test_every_option_with_a_list_refuses_nan_infinity_and_odd_spellings_in_one_line(
     words: tuple[str, ...], value: str, program: Program
 ) -> None:
     *before, option = words
@@ -144,7 +144,7 @@ FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
 
 @pytest.mark.parametrize("value", PYTHONS)
 @pytest.mark.parametrize("file", FILES)
-def test_every_data_file_refuses_nan_and_infinity(file: str, value: str, tmp_path: Path) -> None:
+def test_every_data_file_refuses_nan_infinity_and_odd_spellings(file: str, value: str, tmp_path: Path) -> None:
     text, read = FILES[file]
     path = tmp_path / "mine.csv"
     path.write_text(text.format(value), encoding="utf-8")
@@ -153,7 +153,7 @@ def test_every_data_file_refuses_nan_and_infinity(file: str, value: str, tmp_pat
 
 
 @pytest.mark.parametrize("value", PYTHONS)
-def test_typed_answers_and_environment_variables_refuse_nan_and_infinity(
+def test_typed_answers_and_environment_variables_refuse_nan_infinity_and_odd_spellings(
     value: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(calibrate, "_wait_for_enter", lambda _: value)

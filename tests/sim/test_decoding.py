@@ -303,7 +303,7 @@ def test_scattered_receptors_have_the_strain_of_evenly_spaced_ones(
 
 
 @pytest.mark.parametrize(("place", "depth"), [(-3.0, 0.5), (0.0, 0.76), (2.0, 1.5), (5.7, 0.3)])
-def test_place_above_inverts_point_below(place: float, depth: float) -> None:
+def test_the_skin_place_above_a_point_inverts_the_point_below_a_place(place: float, depth: float) -> None:
     line = skin_of(COARSE)
     x_mm = line.below(line.angles(place), depth)[0, 0]
     assert line.above(x_mm, depth) == pytest.approx(place, abs=1e-5)  # linear in a table of 2001 places

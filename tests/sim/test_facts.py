@@ -69,21 +69,23 @@ def edges(at: InPlane) -> tuple[float, float, str]:
     return left, right, f"left {left:.2f}, right {right:.2f}, middle {middle:.0f}, raw {np.round(at.pressure)}"
 
 
-def test_bar_at_033_touches_neither_edge(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_0_33_mm_touches_with_neither_edge(bar: dict[float, InPlane]) -> None:
     # Raju (1998): no edge in contact at DOI 0.33 mm.
     left, right, shown = edges(bar[0.33])
     assert left == 0.0, shown
     assert right == 0.0, shown
 
 
-def test_bar_at_067_touches_the_left_edge_only(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_0_67_mm_touches_with_its_left_edge_only(bar: dict[float, InPlane]) -> None:
     # Raju (1998): the pad leans, so that the left edge comes first.
     left, right, shown = edges(bar[0.67])
     assert left > 1.1, shown
     assert right < 0.9, shown
 
 
-def test_bar_at_100_touches_left_fully_and_right_slightly(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_1_mm_touches_fully_with_its_left_edge_and_slightly_with_its_right(
+    bar: dict[float, InPlane],
+) -> None:
     # Raju (1998). "Slightly": the right edge presses harder than the middle, but less than the left one, and in the
     # source's own display, after the filter, it does not yet stand out while the left one does.
     left, right, shown = edges(bar[1.0])
@@ -96,7 +98,7 @@ def test_bar_at_100_touches_left_fully_and_right_slightly(bar: dict[float, InPla
     assert filtered[half:].max() < 1.05 * middle, shown
 
 
-def test_bar_at_133_has_sharp_peaks_at_both_edges(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_1_33_mm_has_sharp_pressure_peaks_at_both_edges(bar: dict[float, InPlane]) -> None:
     # Raju (1998). "Sharp": more than twice the middle, and after the filter still a peak by the measure of DOI 1.0:
     # 1.05 of the middle separates the edge that stands out there from the one that does not.
     left, right, shown = edges(bar[1.33])

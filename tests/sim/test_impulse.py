@@ -147,7 +147,7 @@ def test_the_tail_of_an_impulse_response_is_its_larger_end_over_the_peak() -> No
 
 
 @pytest.mark.parametrize("axes", ["skin", "cartesian"])
-def test_on_a_symmetric_finger_h_and_g_are_even_and_f_is_odd(axes: str) -> None:
+def test_of_a_symmetric_finger_h_and_g_are_even_and_f_is_odd(axes: str) -> None:
     sampling = Sampling(half_length=16, axes="skin" if axes == "skin" else "cartesian")
     h, g, f = impulse_responses(sampled_section(UPRIGHT, sampling)).strain
     for even in (h, g):

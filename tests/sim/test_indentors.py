@@ -97,7 +97,7 @@ def test_bar_and_cylinder_profiles_are_symmetric_with_steep_sides(shape: str) ->
 
 
 @pytest.mark.parametrize("shape", ["bar:1.5", "cylinder:3"])
-def test_tangents_beyond_the_edge_touch_the_profile(shape: str) -> None:
+def test_tangents_past_the_edge_touch_the_profile(shape: str) -> None:
     # A node beside the edge and below the circle's centre gets the tangent plane at the closest point of the circle:
     # its distance to the plane is its distance to the circle.
     profile = parse_shape(shape).profile

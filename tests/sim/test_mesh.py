@@ -92,7 +92,7 @@ def test_every_element_has_the_layer_of_its_depth(default_mesh: FingerMesh) -> N
     np.testing.assert_allclose(radius, Tissue().bone_fraction, rtol=1e-12)
 
 
-def test_the_patch_is_170_micrometres_fine_across_the_finger(default_mesh: FingerMesh) -> None:
+def test_the_patch_elements_are_170_micrometers_wide_across_the_finger(default_mesh: FingerMesh) -> None:
     # Raju (1998, ch. 3): ≤ 170 µm on the top pulp surface. Laterally the arc is divided in the receptor plane, 0.4 µm
     # more where the section is largest. Along the finger 0.315 mm do as well: docs/validation/performance.md.
     mesh = default_mesh
@@ -171,7 +171,9 @@ def test_tributary_areas_tile_the_skin(default_mesh: FingerMesh, skin: Fingertip
     assert area.sum() > quads.sum()
 
 
-def test_an_elastic_bone_adds_its_core(coarse_config: FingertipConfig, skin: FingertipSurface) -> None:
+def test_an_elastic_bone_adds_an_innermost_layer_of_bone_elements(
+    coarse_config: FingertipConfig, skin: FingertipSurface
+) -> None:
     tissue = Tissue(bone="elastic")
     mesh = build_mesh(coarse_config.model_copy(update={"tissue": tissue}), skin)
     layer = mesh.layer.reshape(mesh.element_grid.shape)

@@ -201,5 +201,7 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (asked(*NINE[:4]) + asked(*NINE[4:], epidermis_mm=0.3), [False] * 9),
     ],
 )
-def test_nine_fingers_of_a_family_are_interpolated(fingers: list[FingerWithReceptors], expected: list[bool]) -> None:
+def test_nine_or_more_fingers_of_a_family_are_interpolated(
+    fingers: list[FingerWithReceptors], expected: list[bool]
+) -> None:
     assert worth_interpolating(fingers) == expected

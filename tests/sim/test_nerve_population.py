@@ -176,6 +176,6 @@ def test_a_staircase_stimulus_moves_with_the_stage_acceleration_and_rests() -> N
     assert stairs.deepest_mm == 0.2
 
 
-def test_a_staircase_move_that_would_end_too_late_is_faster() -> None:
+def test_a_move_that_would_end_too_late_is_faster() -> None:
     stairs = Staircase([0.0, 0.2, 1.0], [0.0, 1.0, 0.0], [1.0, 1.0, 2.0], 50.0)
     assert stairs.depth_mm([0.1, 0.2, 0.2 + 0.27, 0.2 + 0.54]) == pytest.approx([0.5, 1.0, 0.5, 0.0])

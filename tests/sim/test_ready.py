@@ -59,7 +59,7 @@ def test_loops_without_a_cache_folder_are_compiled(modules: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("changed", LOOPS[::4])
-def test_a_changed_module_is_compiled_again(modules: Path, changed: str) -> None:
+def test_changed_module_is_compiled_again(modules: Path, changed: str) -> None:
     before = compiling._folder()
     compiling._folder.cache_clear()
     assert compiling._folder() == before

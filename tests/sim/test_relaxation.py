@@ -118,7 +118,7 @@ def test_impossible_relaxation_series_are_refused(terms: list[tuple[float, float
 
 
 @pytest.mark.parametrize("step_s", [-0.1, math.nan, math.inf])
-def test_impossible_steps_are_refused(step_s: float) -> None:
+def test_relaxation_refuses_an_impossible_time_step(step_s: float) -> None:
     with raises(ArgumentError, "bad_step"):
         Memory.none(SERIES).ahead(step_s)
 

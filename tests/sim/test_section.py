@@ -44,7 +44,7 @@ def test_the_force_of_the_section_is_the_derivative_of_its_energy(section: Finge
     assert slope == pytest.approx(force, rel=2e-3)
 
 
-def test_the_section_converges_with_the_mesh() -> None:
+def test_section_converges_with_the_mesh() -> None:
     meshes = [load("section", FingertipConfig(mesh=nested(n))) for n in (2, 3, 5)]
     for shape, x_mm in (("cylinder:9", 0.0), ("bar:3.0", 0.04)):
         coarse, fine, finest = (mesh.indent(shape, x_mm, doi_mm=0.67) for mesh in meshes)

@@ -127,7 +127,7 @@ def test_a_served_force_counts_from_the_arrival_of_its_answer(served: Served) ->
     assert served.told == []
 
 
-def test_a_served_force_counts_after_a_change_of_plan_until_the_new_one_is_solved(served: Served) -> None:
+def test_after_a_change_of_plan_the_last_served_force_counts_until_the_new_one_is_solved(served: Served) -> None:
     for _ in served.each_sample(0.5):
         pass
     now_s, late = served.scheduler.monotonic_s(), served.ahead.statistics.late

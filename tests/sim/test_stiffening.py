@@ -95,7 +95,7 @@ def test_the_stiffening_energy_law_uses_each_parameter_as_documented() -> None:
     assert_allclose(np.exp(log_energy(numbers, 0.6, PRESS, felt)), np.array(expected) / felt.linear * stiffer)
 
 
-def test_the_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
+def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
     factors = [force_factor(a, PRESS) for a in (1e-9, 0.3, 1.0, 3.0)]
     assert (np.diff(factors) > 0).all()
     assert force_factor(0.3, DimensionlessPress(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)) == pytest.approx(1.0, abs=2e-3)

@@ -227,7 +227,7 @@ def test_a_drive_brakes_harder_over_too_short_a_distance(length: float, speed: f
 
 
 @pytest.mark.parametrize("target", [5000.0, 400.0, 300.0, -3000.0])
-def test_a_drive_path_begun_in_motion_ends_at_its_target(target: float) -> None:
+def test_a_path_begun_in_motion_ends_at_its_target(target: float) -> None:
     # From 175 at 1 000 pulses/s rest is 200 pulses away: 400 can be reached at once, 300 only by coming back.
     axis = DriveAxis(0)
     axis.go([(100_000.0, CRUISE)], UP, DOWN, 0.0)

@@ -28,7 +28,7 @@ def patch() -> Patch:
     return half_space(PER_HALF_WIDTH, 40)
 
 
-def test_hertz_line_contact_within_one_per_cent(patch: Patch) -> None:
+def test_hertz_line_contact_agrees_within_one_percent(patch: Patch) -> None:
     # Measured half-width 0.26 %, spread 0.13 %, pressure inside 0.14 %. The width is found to a fraction of an
     # element (6 %), by the gap beside the contact.
     errors = contact_errors(patch, cylinder())
@@ -46,7 +46,7 @@ def test_hertz_line_contact_force_agrees_with_its_width(patch: Patch) -> None:
     assert exact.force * half_width**2 == pytest.approx(2 * state.normal_force, rel=0.01)
 
 
-def test_wedge_contact_within_one_per_cent(patch: Patch) -> None:
+def test_wedge_contact_agrees_within_one_percent(patch: Patch) -> None:
     # Measured half-width 0.0 %, spread 0.10 %, pressure inside 1.0 % of the mean, next to the logarithm at the tip:
     # there second order is lost, so 1.5 %.
     errors = contact_errors(patch, wedge())
@@ -57,7 +57,7 @@ def test_wedge_contact_within_one_per_cent(patch: Patch) -> None:
 
 
 @pytest.mark.parametrize("half_width_mm", [1.0, 1.5])
-def test_wavy_surface_in_partial_contact_within_one_per_cent(half_width_mm: float) -> None:
+def test_a_wavy_surface_in_partial_contact_agrees_within_one_percent(half_width_mm: float) -> None:
     # The wavelength is 4 mm; mean pressures are 50 and 85 % of what closes the gaps.
     errors = contact_errors(wave_cell(PER_HALF_WIDTH), wave(half_width_mm))
     assert errors.converged

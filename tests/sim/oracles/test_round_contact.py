@@ -29,7 +29,7 @@ def four() -> Boxes:
     return quarter_space(4, 10), quarter_space(4, 20)
 
 
-def test_hertz_sphere_contact_within_one_per_cent(ten: Patch) -> None:
+def test_hertz_sphere_contact_agrees_within_one_percent(ten: Patch) -> None:
     # Measured contact radius 0.38 %, spread 0.14 %, pressure inside 0.70 % of the mean;
     # at 16 elements 0.15, −0.04 and 0.44 %.
     errors = contact_errors(ten, sphere())
@@ -39,7 +39,7 @@ def test_hertz_sphere_contact_within_one_per_cent(ten: Patch) -> None:
     assert errors.inside < 0.01
 
 
-def test_sneddon_cone_contact_within_one_per_cent(ten: Patch) -> None:
+def test_sneddon_cone_contact_agrees_within_one_percent(ten: Patch) -> None:
     # Measured contact radius −0.19 %, spread 0.21 %; the pressure, 1.2 %, is worst next to the logarithm at the tip.
     errors = contact_errors(ten, cone())
     assert errors.converged
