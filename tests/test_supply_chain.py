@@ -67,7 +67,7 @@ def test_every_lock_file_contains_the_requirements_of_its_packages(lock: str) ->
     assert seen or os.environ.get("LOCKED") == "no"
 
 
-def test_every_extra_is_locked() -> None:
+def test_every_optional_dependency_is_locked() -> None:
     names = {*all_locked()}
     assert [
         one.name

@@ -70,7 +70,7 @@ def test_a_driver_raises_only_stage_errors_force_errors_and_value_errors(module:
 
 
 @pytest.mark.parametrize("root", [StageError, ModbusError])
-def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
+def test_every_driver_error_class_has_its_own_code(root: type[RigError]) -> None:
     """One that a driver raises with plain text is told apart by it."""
     kinds = [root, *(kind for kind in root.__subclasses__() if kind.__module__.startswith("rig."))]
     codes = [kind.default_code for kind in kinds]

@@ -51,7 +51,7 @@ def test_contact_above_the_highest_expected_height_trips(highest_mm: float, trip
     ("gwt", "noise_gwt", "touched"),
     [(0.05, 0.0, True), (0.04, 0.0, False), (0.12, 0.02, True), (0.11, 0.02, False)],
 )
-def test_contact_is_the_larger_of_threshold_and_6_sd_and_as_much_negative_force_trips(
+def test_contact_needs_the_threshold_or_6_sd_and_an_equal_negative_force_trips(
     gwt: float, noise_gwt: float, touched: bool
 ) -> None:
     for sign in (1, -1):

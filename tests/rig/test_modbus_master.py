@@ -218,7 +218,7 @@ def test_after_a_garbled_answer_the_master_waits_until_the_bus_is_silent(
     assert wire.sent_s[1] - bad[-1][0] == pytest.approx(quiet_s)
 
 
-def test_transaction_numbers_stay_in_the_upper_half(clock: VirtualClock) -> None:
+def test_modbus_tcp_transaction_numbers_stay_above_0x8000(clock: VirtualClock) -> None:
     """A first byte that a device would take for a missing last one must not be a command of a drive."""
     written: list[bytes] = []
     wire = LateTransport(clock, [[]] * 3)

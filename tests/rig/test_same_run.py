@@ -386,7 +386,7 @@ AT_THE_TOP = {
 
 
 @pytest.mark.parametrize("what", AT_THE_TOP)
-def test_a_run_makes_the_planned_presses_whatever_an_earlier_pass_left(
+def test_a_run_makes_the_planned_presses_whatever_an_earlier_pass_changed_in_the_script(
     program: Program, tmp_path: Path, what: str
 ) -> None:
     """Each pass begins as in a new process, whatever an earlier one left at the top of the script."""

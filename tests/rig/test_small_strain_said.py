@@ -169,7 +169,7 @@ def test_small_strain_error_is_interpolated_between_depths_and_unknown_beyond() 
 STIFFENS = "finite strain, stiffening 0.4: force within "
 
 
-def test_a_comparison_on_a_stiffening_finger_states_its_own_correction(at: At) -> None:
+def test_a_comparison_on_a_stiffening_finger_states_the_error_of_its_correction(at: At) -> None:
     config = load_config(at.folder / "coarse.toml").finger
     stiff = Fingertip.load(config.model_copy(update={"tissue": Tissue(stiffening=0.4)}))
     stiffened = stimuli(read_run(at.run()), stiff)

@@ -221,7 +221,7 @@ def test_a_port_lost_during_the_report_is_opened_again_once_for_a_stop(ports: Po
     assert ports.done[-4:] == ["2118", "closed", "opened", "2118"]
 
 
-def test_a_stop_reads_nothing_from_a_port_that_the_run_uses(ports: Ports) -> None:
+def test_a_stop_reads_nothing_from_a_port_in_use_by_its_own_run(ports: Ports) -> None:
     hand = ports.held().open()
     _ready(hand.lend(io.StringIO()))
     ports.opened[0].dropped = True

@@ -410,7 +410,7 @@ def test_a_run_on_a_terminal_shows_its_screen_and_stores_its_timeline(
     assert seen.left_s == pytest.approx(0.0, abs=0.5)
 
 
-def test_a_run_without_a_timeline_or_on_a_full_disk_begins_all_the_same(
+def test_a_run_begins_without_a_predicted_timeline_and_on_a_full_disk(
     course: Course, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun = list[int]()

@@ -245,7 +245,7 @@ def test_the_cache_key_of_a_user_finger_depends_on_its_numbers_not_its_path(tmp_
 # --- the shipped example ---
 
 
-def test_synthetic_example_is_the_scaled_finger(skin: FingertipSurface) -> None:
+def test_the_shipped_example_files_hold_the_scaled_synthetic_finger(skin: FingertipSurface) -> None:
     phi, z = np.meshgrid(np.radians(np.arange(30, 151, 15)), np.arange(4.0, 11.51, 0.75))
     points = 1.2 * np.stack([*skin.section(phi, z), z], -1).reshape(-1, 3)
     shipped = EXAMPLES / "synthetic_larger_finger_points.csv"
@@ -268,7 +268,7 @@ def test_synthetic_example_is_the_scaled_finger(skin: FingertipSurface) -> None:
         ("sections", 0.05),
     ],
 )
-def test_the_synthetic_example_is_the_default_finger_times_1_2(
+def test_fitting_the_shipped_example_gives_the_default_finger_times_1_2(
     skin: FingertipSurface, name: str, radius: float
 ) -> None:
     path = str(EXAMPLES / f"synthetic_larger_finger_{name}.csv")

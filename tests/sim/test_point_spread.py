@@ -162,7 +162,7 @@ def test_sectors_of_a_spread_are_counted_from_x_towards_z() -> None:
 # --- meshes, loads and what is kept of them ---
 
 
-def test_a_force_between_nodes_is_shared_in_proportion_to_their_distance() -> None:
+def test_a_force_between_nodes_is_shared_by_bilinear_weights() -> None:
     z, phi = np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0])
     assert_allclose(point_force(z, phi, (2.5, 0.5)), [[0, 0], [0.1875, 0.0625], [0.5625, 0.1875]])
     assert_allclose(point_force(z, phi, (1.0, 2.0)), [[0, 0], [0, 1], [0, 0]])

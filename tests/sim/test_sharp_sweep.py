@@ -93,7 +93,7 @@ def test_every_random_pose_of_a_sharp_indentor_converges(unwidened: Fingertip) -
         (Grating(0.5, 1.2), 0.1, 1.01),
     ],
 )
-def test_poses_that_once_failed_to_converge_converge(
+def test_formerly_divergent_poses_converge(
     finger: Fingertip, profile: IndentorProfile, x_mm: float, doi_mm: float
 ) -> None:
     assert finger.indent(profile, x_mm, doi_mm=doi_mm).state.residual <= 1e-10

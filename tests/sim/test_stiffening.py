@@ -174,7 +174,7 @@ def test_tissue_under_an_indentor_edge_has_half_the_squeeze(
     assert found.strain(1.0)[0] == pytest.approx(under * whole, abs=0.05 * whole)
 
 
-def test_the_dimensionless_press_counts_from_first_touch_in_tissue_thickness(skin: FingertipSurface) -> None:
+def test_stiffening_measures_a_press_from_first_touch_in_units_of_tissue_thickness(skin: FingertipSurface) -> None:
     told, indentor = config(0.4), parse_shape("flat")
     touch = first_touch(indentor, (0.0,), skin)
     receptor = np.array([[0.0, 4.0, 6.9]])
@@ -197,7 +197,7 @@ def test_the_dimensionless_press_counts_from_first_touch_in_tissue_thickness(ski
     assert Under(config(), skin, indentor, (0.0,), touch).at(0.5, receptor) is LINEAR_TISSUE
 
 
-def test_the_roof_ratio_is_skin_stiffness_over_layers_in_series(skin: FingertipSurface) -> None:
+def test_the_stiffness_of_the_skin_over_that_of_the_layers_in_series_is_capped(skin: FingertipSurface) -> None:
     """0.4 mm of 1 over (3 mm: 0.8 of 0.2 and 1.8 of 0.05): series modulus 2.6 / 40."""
     assert roof(Tissue(e_dermis=0.2, e_fat=0.05), 3.0) == pytest.approx(0.4 / (3.0 * 2.6 / 40))
     soft = FingertipConfig(mesh=MESH, tissue=Tissue(e_dermis=0.01, e_fat=0.001, stiffening=0.4))
