@@ -28,13 +28,13 @@ def _failed_lift() -> TripError:
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_sentence_code_and_attributes_survive_a_pickle(error: CodedError) -> None:
+def test_an_error_keeps_sentence_code_and_attributes_when_pickled(error: CodedError) -> None:
     again = pickle.loads(pickle.dumps(error))
     assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
 
 
 @pytest.mark.parametrize("kind", [RigError, SimError])
-def test_a_sentence_is_printed_as_it_is(kind: type[CodedError]) -> None:
+def test_an_error_prints_its_sentence_with_braces_unchanged(kind: type[CodedError]) -> None:
     """A driver that somebody else wrote raises what it likes."""
     error = kind("odd { text } {0}")
     assert (str(error), error.code) == ("odd { text } {0}", "error")
@@ -54,7 +54,7 @@ def test_a_sentence_is_printed_as_it_is(kind: type[CodedError]) -> None:
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_every_failure_has_a_code(error: BaseException, code: str) -> None:
+def test_every_exception_has_a_code(error: BaseException, code: str) -> None:
     """One of another library by its class."""
     assert code_of(error) == code
 
@@ -73,5 +73,7 @@ def test_every_failure_has_a_code(error: BaseException, code: str) -> None:
         ("one of a, b", ["a", "c"], False),
     ],
 )
-def test_a_number_counts_as_shown_to_the_digits_printed(sentence: str, value: object, is_shown: bool) -> None:
+def test_a_number_counts_as_shown_in_a_sentence_to_its_printed_digits(
+    sentence: str, value: object, is_shown: bool
+) -> None:
     assert shows(sentence, value) is is_shown

@@ -45,7 +45,7 @@ def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 def in_this_process(program: Program, empty_figures: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A script's `python -m rig` is run in this process, and draws nothing on a page that is thrown away.
 
-    test_run_resumed and test_device_added begin real ones.
+    test_gallery_run_resumed_completes_four_presses and test_gallery_device_added_measures_force begin real ones.
     """
 
     begun = subprocess.run
@@ -121,13 +121,13 @@ def _run(name: str, smaller: bool = True) -> dict[str, Any]:
     return main.__dict__
 
 
-def test_press_and_plot() -> None:
+def test_gallery_press_and_plot_presses_to_half_a_millimeter() -> None:
     result = _run("01_press_and_plot")["result"]
     assert result.doi_mm == 0.5
     assert len(result.contact_regions_mm) == 1
 
 
-def test_sweep(capsys: pytest.CaptureFixture[str]) -> None:
+def test_gallery_sweep_prints_the_pressure_at_nine_positions(capsys: pytest.CaptureFixture[str]) -> None:
     found = _run("02_sweep")["found"]
     assert found.problems == [""] * 9
     assert found.table()["force_gwt"] == pytest.approx(2.33, rel=1e-6)
@@ -136,33 +136,33 @@ def test_sweep(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed[0].startswith(f"x =  2.00 mm: {found[0].peak_pressure_kpa:5.1f} kPa, ")
 
 
-def test_own_indentor() -> None:
+def test_gallery_own_indentor_presses_a_profile_to_two_gwt() -> None:
     result = _run("03_own_indentor")["result"]
     assert result.indentor.name == "profile:rippled dome"
     assert result.force_gwt == pytest.approx(2.0, rel=1e-6)
 
 
-def test_own_layers() -> None:
+def test_gallery_own_layers_softer_layers_give_less_force() -> None:
     default, soft = _run("04_own_layers")["force_gwt"].values()
     assert (soft < 0.8 * default).all()
     assert (np.diff(default) > 0).all()
 
 
-def test_own_finger() -> None:
+def test_gallery_own_finger_presses_a_larger_finger() -> None:
     left = _run("05_own_finger")
     assert left["finger"].config.receptor_plane_mm == pytest.approx(7.6)
     assert left["finger"].apex_height_mm == pytest.approx(5.2, abs=0.2)
     assert (np.diff(left["table"]["force_gwt"]) > 0).all()
 
 
-def test_strain_anywhere() -> None:
+def test_gallery_strain_anywhere_maps_sed_over_depth() -> None:
     sed = _run("06_strain_anywhere")["sed"]
     assert sed.shape == (16, 33)
     assert sed[4].max() > 1.2 * sed[7].max()
     assert sed.min() > 0
 
 
-def test_ssrp() -> None:
+def test_gallery_ssrp_equals_a_single_press() -> None:
     left = _run("07_ssrp")
     found, place = left["profiles"], 5
     assert tuple(found) == MEASURES
@@ -171,7 +171,7 @@ def test_ssrp() -> None:
     assert found["ep1"][place] == pytest.approx(-alone["ep1"][3], rel=1e-6)
 
 
-def test_fit_to_rates() -> None:
+def test_gallery_fit_to_rates_correlates_above_0_9() -> None:
     left = _run("08_fit_to_rates")
     highest = left["eps"].max()
     assert 0 < left["fit"].eps0 < highest
@@ -179,7 +179,7 @@ def test_fit_to_rates() -> None:
     assert left["r"] > 0.9
 
 
-def test_many_poses(capsys: pytest.CaptureFixture[str]) -> None:
+def test_gallery_many_poses_solves_twelve_presses(capsys: pytest.CaptureFixture[str]) -> None:
     found = _run("09_many_poses")["found"]
     assert found.problems == [""] * 12
     printed = capsys.readouterr().out
@@ -187,7 +187,7 @@ def test_many_poses(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.count("mm deep on average") == len(set(found.table()["shape"])) == 3
 
 
-def test_parameter_study() -> None:
+def test_gallery_parameter_study_force_grows_with_both_parameters() -> None:
     study = _run("10_parameter_study")["study"]
     assert study["epidermis_mm"].tolist() == [0.3, 0.3, 0.5, 0.5]
     force_gwt = study["force_gwt"].reshape(2, 2)
@@ -195,7 +195,7 @@ def test_parameter_study() -> None:
     assert (np.diff(force_gwt, axis=1) > 0).all()
 
 
-def test_encode() -> None:
+def test_gallery_encode_adds_noise_and_silences_receptors() -> None:
     left = _run("11_encode")
     noisy, quiet = left["noisy"], left["quiet"]
     assert noisy.samples == len(left["sed"]) == 41
@@ -203,7 +203,7 @@ def test_encode() -> None:
     assert 0 < int((noisy.rate == 0).sum()) < 41
 
 
-def test_decode() -> None:
+def test_gallery_decode_converges_with_a_relative_error_below_half() -> None:
     left = _run("12_decode")
     assert left["found"].converged
     assert left["errors"].relative_l2 < 0.5
@@ -212,31 +212,31 @@ def test_decode() -> None:
 # --- the rig, rehearsed ---
 
 
-def test_own_protocol(in_this_process: None) -> None:
+def test_gallery_own_protocol_presses_three_times(in_this_process: None) -> None:
     samples = _run("01_own_protocol")["samples"]
     assert [max(_forces(samples, index)) > 1 for index in range(3)] == [True] * 3
 
 
-def test_random_order(in_this_process: None) -> None:
+def test_gallery_random_order_differs_between_two_blocks(in_this_process: None) -> None:
     started = _run("02_random_order")["recorded"].stream("indentation_start")
     order = {block: [one["value"] for one in started if one["block"] == block] for block in (1, 2)}
     assert sorted(order[1]) == sorted(order[2]) == [1.0, 2.0, 4.0]
     assert order[1] != order[2]
 
 
-def test_letter(in_this_process: None) -> None:
+def test_gallery_letter_presses_to_0_3_mm(in_this_process: None) -> None:
     answer = _run("03_letter")["answer"]
     assert answer["doi_mm"] == pytest.approx(0.3)
     assert answer["force_gwt"] > 0.5
 
 
-def test_recording_compared(in_this_process: None) -> None:
+def test_gallery_recording_compared_correlates_every_measure(in_this_process: None) -> None:
     left = _run("04_recording_compared")
     assert left["measures"] == list(MEASURES)
     assert np.nanmax(np.abs(left["r"])) > 0.9
 
 
-def test_finger_identified(in_this_process: None) -> None:
+def test_gallery_finger_identified_in_four_to_eight_presses(in_this_process: None) -> None:
     left = _run("05_finger_identified")
     assert 4 <= len(left["presses"]) <= 8
     assert (left["low"] < left["middle"]).all()
@@ -244,7 +244,7 @@ def test_finger_identified(in_this_process: None) -> None:
 
 
 @pytest.mark.study  # rig/test_resume.py, rig/test_command_line.py: Ctrl-C
-def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gallery_run_resumed_completes_four_presses(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Undrawn)
     left = _run("06_run_resumed")
     assert left["stopped"].missing > 0
@@ -254,20 +254,20 @@ def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.study  # rig/compare/test_study_on_a_cluster.py
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_study_on_a_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gallery_study_on_a_cluster_solves_twelve_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Popen)
     rows = _run("07_study_on_a_cluster")["rows"]
     assert len(rows) == 12
     assert [row["problem"] for row in rows] == [""] * 12
 
 
-def test_device_added() -> None:
+def test_gallery_device_added_measures_force() -> None:
     samples = _run("08_device_added")["samples"]
     assert max(_forces(samples, 1)) > 1
 
 
 @pytest.mark.study  # rig/real_time/test_bluesky.py
-def test_bluesky(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gallery_bluesky_reads_the_journaled_forces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Popen)
     left = _run("10_bluesky")
     assert [one["rig_hold_end_force_gwt"] for one in left["holds"]] == pytest.approx([1.0, 2.0], abs=0.05)
@@ -284,23 +284,23 @@ def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
 
 @pytest.mark.study  # the tests above
 @pytest.mark.parametrize("name", SMALLER)
-def test_each_runs_as_it_stands(name: str, in_this_process: None) -> None:
+def test_every_gallery_script_runs_unchanged(name: str, in_this_process: None) -> None:
     _run(name, smaller=False)
 
 
-def test_each_is_tried() -> None:
+def test_every_gallery_script_has_a_test() -> None:
     assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
     assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 11)]
-    tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
-    assert {path.stem[3:] for path in SCRIPTS} <= tried
+    tests = [name for name in globals() if name.startswith("test_gallery_")]
+    assert [path for path in SCRIPTS if not any(f"test_gallery_{path.stem[3:]}_" in name for name in tests)] == []
 
 
-def test_each_is_one_page_of_code() -> None:
+def test_every_gallery_script_has_at_most_40_lines() -> None:
     lines = {path.stem: path.read_text(encoding="utf-8").splitlines() for path in SCRIPTS}
     assert {name for name, text in lines.items() if len([line for line in text if line.strip()]) > 40} == set()
 
 
-def test_one_runs_as_a_script_beside_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gallery_script_with_worker_processes_runs_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is imported again in a process does not begin anew."""
     script = tmp_path / "sweep.py"
     text = (GALLERY / "library" / "02_sweep.py").read_text(encoding="utf-8")
@@ -311,7 +311,7 @@ def test_one_runs_as_a_script_beside_processes(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.study  # the next one, and rig/compare/test_recorded_example.py
-def test_recorded_bar(in_this_process: None) -> None:
+def test_gallery_recorded_bar_keeps_ep1_and_sed_in_the_confidence_set(in_this_process: None) -> None:
     static, dynamic = _run("09_recorded_bar")["phases"]
     assert (static["positions_recorded"], dynamic["positions_recorded"]) == (36, 36)
     assert static["sed_r"] == pytest.approx(0.92, abs=0.01)
@@ -323,7 +323,9 @@ def test_recorded_bar(in_this_process: None) -> None:
     assert low < static["rows"][0]["held_out"] < high
 
 
-def test_recorded_bar_on_a_coarse_finger(in_this_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gallery_recorded_bar_draws_both_phases_on_a_coarse_finger(
+    in_this_process: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     coarse = Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.5)), receptor_x_mm=(-0.5, 0.0))
     monkeypatch.setattr(Fingertip, "load", lambda *_, **__: coarse)
     monkeypatch.setattr("rig.compare.example._RAMP_STEPS", 2)

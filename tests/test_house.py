@@ -22,7 +22,7 @@ def _modules(package: str) -> list[Path]:
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, "studies"])
-def test_every_room_and_module_says_what_it_is(package: str) -> None:
+def test_every_module_has_a_docstring(package: str) -> None:
     for path in _modules(package):
         assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
 
@@ -30,7 +30,7 @@ def test_every_room_and_module_says_what_it_is(package: str) -> None:
 # --- the page ---
 
 
-def test_every_path_on_the_page_is_there() -> None:
+def test_every_path_on_the_code_overview_page_exists() -> None:
     named = set(
         re.findall(r"`((?:rig|sim|studies|tests|docs|protocols|examples)/[\w./-]*\w)", PAGE.read_text("utf-8"))
     )
@@ -38,7 +38,7 @@ def test_every_path_on_the_page_is_there() -> None:
     assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()]
 
 
-def test_every_room_is_on_the_page() -> None:
+def test_every_package_folder_is_on_the_code_overview_page() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for package in PACKAGES:
         for folder in sorted({path.parent for path in _modules(package)}):
@@ -46,7 +46,7 @@ def test_every_room_is_on_the_page() -> None:
             assert f"`{name}/`" in page or name in PACKAGES, name
 
 
-def test_every_name_after_a_path_is_in_that_file() -> None:
+def test_every_name_on_the_code_overview_page_is_in_its_file() -> None:
     """`rig/engine/verbs.py: home` is only there if home is."""
     for name, things in re.findall(r"`((?:rig|sim)/[\w/]+\.py): ([\w., ]+)`", PAGE.read_text(encoding="utf-8")):
         tree = ast.parse((ROOT / name).read_text(encoding="utf-8"))
@@ -58,7 +58,7 @@ def test_every_name_after_a_path_is_in_that_file() -> None:
             assert set(thing.split(".")) <= there, f"{name}: {thing}"
 
 
-def test_every_path_in_the_documentation_is_there() -> None:
+def test_every_path_in_the_documentation_exists() -> None:
     for page in DOCS:
         text = page.read_text(encoding="utf-8")
         named = set(re.findall(r"`((?:rig|sim|studies|tests|docs|protocols|examples)/[\w./-]*\w)`", text))
@@ -66,7 +66,7 @@ def test_every_path_in_the_documentation_is_there() -> None:
         assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()], page
 
 
-def test_every_study_that_is_named_can_be_run() -> None:
+def test_every_study_named_in_the_documentation_can_be_run() -> None:
     for page in (*DOCS, ROOT / "Makefile"):
         for name in re.findall(r"python3? -m (studies[\w.]*)", page.read_text(encoding="utf-8")):
             path = ROOT / Path(*name.split("."))
@@ -86,7 +86,7 @@ def _commits(text: str) -> set[str]:
     shutil.which("git") is None or not (ROOT / ".git").exists() or (ROOT / ".git" / "shallow").exists(),
     reason="needs the history",
 )
-def test_every_commit_that_is_named_exists() -> None:
+def test_every_commit_named_in_the_documentation_exists() -> None:
     pages = (*DOCS, ROOT / "CHANGELOG.md", ROOT / "studies" / "registry.toml")
     named = {commit: page.name for page in pages for commit in _commits(page.read_text(encoding="utf-8"))}
     assert len(named) > 60
@@ -102,7 +102,7 @@ def test_every_commit_that_is_named_exists() -> None:
     assert [(commit, page) for (commit, page), answer in answers if " commit " not in answer] == []
 
 
-def test_every_package_is_held_to_its_types() -> None:
+def test_every_package_is_type_checked_strictly() -> None:
     """mypy, strict, as `make check` runs it."""
     mypy = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
     assert mypy["strict"] is True
@@ -117,7 +117,7 @@ def test_every_variable_of_the_makefile_is_defined() -> None:
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="no git")
-def test_the_commit_is_marked_where_files_were_changed_since(tmp_path: Path) -> None:
+def test_a_stored_commit_is_marked_if_files_changed_since(tmp_path: Path) -> None:
     def git(*words: str) -> str:
         who = ("-c", "user.name=somebody", "-c", "user.email=", "-c", "commit.gpgsign=false")
         done = subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True, text=True)

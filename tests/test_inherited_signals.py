@@ -16,7 +16,7 @@ DEFAULT = dict.fromkeys(NUMBERS, signal.SIG_DFL) | {signal.SIGINT: signal.defaul
 SAID = "import signal; print([signal.getsignal(n) == signal.SIG_IGN for n in {}], signal.pthread_sigmask(0, []))"
 
 
-def test_every_signal_is_as_at_a_terminal() -> None:
+def test_the_test_suite_and_its_programs_have_default_signal_handlers() -> None:
     """Here, and in a program that is begun here."""
     assert {number: signal.getsignal(number) for number in NUMBERS} == DEFAULT
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, []) & set(NUMBERS)

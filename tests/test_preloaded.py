@@ -41,11 +41,11 @@ def _ended(begin: type[subprocess.Popen[Any]], words: list[str], **how: Any) -> 
 
 
 @pytest.mark.parametrize("how", HOW, ids=lambda how: "-".join(how) or "plain")
-def test_it_is_begun_as_any_other(how: dict[str, Any]) -> None:
+def test_a_forked_program_begins_as_a_new_python(how: dict[str, Any]) -> None:
     assert _ended(Popen, ["-c", SAID, "a", "b"], **how) == _ended(subprocess.Popen, ["-c", SAID, "a", "b"], **how)
 
 
-def test_a_file_and_a_module(tmp_path: Path) -> None:
+def test_a_forked_program_runs_a_file_or_a_module_as_a_new_python(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(SAID, encoding="utf-8")
     for words in ([str(tmp_path / "mine.py"), "a"], ["-m", "mine", "a"]):
         ends = [_ended(begin, words, cwd=tmp_path) for begin in (Popen, subprocess.Popen)]
@@ -54,13 +54,13 @@ def test_a_file_and_a_module(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_it_ends_as_any_other(end: str) -> None:
+def test_a_forked_program_ends_as_a_new_python(end: str) -> None:
     words = ["-c", f"import os, signal, sys\nprint(1)\nsys.stdout.flush()\n{end}"]
     assert _ended(Popen, words) == _ended(subprocess.Popen, words)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT])
-def test_what_is_ignored_or_blocked_here_is_there(number: signal.Signals) -> None:
+def test_a_forked_program_inherits_ignored_and_blocked_signals(number: signal.Signals) -> None:
     before = signal.signal(number, signal.SIG_IGN)
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
     try:
@@ -70,7 +70,7 @@ def test_what_is_ignored_or_blocked_here_is_there(number: signal.Signals) -> Non
         signal.signal(number, before)
 
 
-def test_killed_it_is_gone_with_all_that_served_it() -> None:
+def test_a_killed_forked_program_leaves_no_process() -> None:
     with Popen(
         [sys.executable, "-c", "import time; print(1, flush=True); time.sleep(1000)"], stdout=subprocess.PIPE
     ) as one:
@@ -83,7 +83,7 @@ def test_killed_it_is_gone_with_all_that_served_it() -> None:
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in below))
 
 
-def test_several_threads_begin_some_at_once() -> None:
+def test_several_threads_can_fork_programs_at_once() -> None:
     ended: list[int] = []
     threads = [
         threading.Thread(target=lambda n=n: ended.append(_ended(Popen, ["-c", f"import sys; sys.exit({n})"])[0]))

@@ -24,12 +24,12 @@ def _promises() -> list[tuple[str, list[tuple[str, str]]]]:
     return rows
 
 
-def test_the_table_is_there() -> None:
+def test_the_safety_page_lists_at_least_forty_promises() -> None:
     assert len(_promises()) >= 40
 
 
 @pytest.mark.parametrize(("promise", "tests"), _promises(), ids=[promise[:60] for promise, _ in _promises()])
-def test_a_promise_has_its_test(promise: str, tests: list[tuple[str, str]]) -> None:
+def test_every_safety_promise_names_an_existing_test(promise: str, tests: list[tuple[str, str]]) -> None:
     assert tests, promise
     for file, function in tests:
         path = ROOT / file

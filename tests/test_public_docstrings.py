@@ -239,7 +239,7 @@ def test_every_public_name_is_documented() -> None:
     assert {name: problems for name in ROWS if (problems := _problems(name))} == {}
 
 
-def test_every_module_is_in_the_table() -> None:
+def test_the_public_names_cover_every_offered_module() -> None:
     assert len(ROWS) > 150
     assert {name.rpartition(".")[0] for name in ROWS} >= set(OFFERED)
     named = re.findall(r"^\| ([^|]*) \|", (ROOT / "docs/library.md").read_text(encoding="utf-8"), re.MULTILINE)
@@ -266,7 +266,7 @@ def test_every_public_name_shows_an_example() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in ROWS if ">>>" in (inspect.getdoc(ROWS[name]) or "")])
-def test_an_example_prints_what_it_shows(name: str) -> None:
+def test_every_docstring_example_prints_what_it_shows(name: str) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)

@@ -46,14 +46,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "html"
 
 
-def test_every_page_is_there_and_reached_from_the_first(site: Path) -> None:
+def test_the_site_holds_every_page_and_links_it_from_the_first(site: Path) -> None:
     index = (site / "index.html").read_text(encoding="utf-8")
     for page in [*DOCS.glob("*.md"), *(DOCS / name for name in GENERATED)]:
         assert (site / page.with_suffix(".html").name).exists(), page.name
         assert page.stem == "index" or f'href="{page.stem}.html"' in index, page.name
 
 
-def test_pages_that_name_one_another_are_linked(site: Path) -> None:
+def test_the_site_links_pages_that_name_one_another(site: Path) -> None:
     assert 'href="first_light.html"' in (site / "tutorial.html").read_text(encoding="utf-8").split("From here")[1]
     for page in sorted((DOCS / "decisions").glob("0*.md")):
         named = set(re.findall(r"`docs/([\w/]+)\.md`", page.read_text(encoding="utf-8")))
@@ -61,7 +61,7 @@ def test_pages_that_name_one_another_are_linked(site: Path) -> None:
         assert all(f'href="../{name}.html"' in shown or name.startswith("decisions/") for name in named), page.name
 
 
-def test_every_command_is_told_with_its_options(site: Path) -> None:
+def test_the_site_documents_every_command_with_its_options(site: Path) -> None:
     page = (site / "commands.html").read_text(encoding="utf-8")
     for name in COMMANDS:
         assert f">rig {name}<" in page.replace('<span class="pre">', "").replace("</span>", ""), name
@@ -70,7 +70,7 @@ def test_every_command_is_told_with_its_options(site: Path) -> None:
 
 
 @pytest.mark.parametrize("door", ["sim", "rig.protocol"])
-def test_every_public_name_is_told(site: Path, door: str) -> None:
+def test_the_site_documents_every_public_name(site: Path, door: str) -> None:
     page = (
         (site / "python_names.html")
         .read_text(encoding="utf-8")
@@ -81,7 +81,7 @@ def test_every_public_name_is_told(site: Path, door: str) -> None:
         assert f'id="{door}.{name}"' in page or f">{name}<" in page, name
 
 
-def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
+def test_the_site_loads_nothing_from_elsewhere(site: Path) -> None:
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert not re.findall(r'(?:<script[^>]* src|<link[^>]*stylesheet[^>]* href)="https?:', text), page.name

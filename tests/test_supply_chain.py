@@ -38,7 +38,7 @@ def _asked(names: Iterable[str]) -> list[Requirement]:
 
 
 @pytest.mark.parametrize("lock", LOCKS)
-def test_a_lock_holds_what_the_project_requires_in_exact_versions(lock: str) -> None:
+def test_every_lock_file_pins_every_requirement_to_an_exact_version(lock: str) -> None:
     pins = _lock(lock)
     extras = _project()["optional-dependencies"]
     asked = _asked([*_project()["dependencies"], *(one for extra in EXTRAS[lock] for one in extras[extra])])
@@ -48,7 +48,7 @@ def test_a_lock_holds_what_the_project_requires_in_exact_versions(lock: str) -> 
 
 
 @pytest.mark.parametrize("lock", LOCKS)
-def test_a_lock_is_closed(lock: str) -> None:
+def test_every_lock_file_contains_the_requirements_of_its_packages(lock: str) -> None:
     """Whatever an installed package requires here is locked, in a version that it accepts."""
     pins = _lock(lock)
     seen = 0
@@ -67,7 +67,7 @@ def test_a_lock_is_closed(lock: str) -> None:
     assert seen or os.environ.get("LOCKED") == "no"
 
 
-def test_every_extra_is_locked() -> None:
+def test_every_optional_dependency_is_locked() -> None:
     names = {*all_locked()}
     assert [
         one.name
@@ -77,7 +77,7 @@ def test_every_extra_is_locked() -> None:
     ] == []
 
 
-def test_a_package_is_locked_once(tmp_path: Path) -> None:
+def test_a_package_locked_twice_is_refused(tmp_path: Path) -> None:
     text = (REQUIREMENTS / "setup.txt").read_text(encoding="utf-8")
     (tmp_path / "setup.txt").write_text(text, encoding="utf-8")
     (tmp_path / "dev.txt").write_text(f"-r setup.txt\n{text}", encoding="utf-8")
@@ -104,11 +104,11 @@ def test_a_package_is_locked_once(tmp_path: Path) -> None:
         ("made-1.0-cp312-cp312-manylinux_2_17_ppc64le.manylinux2014_ppc64le.whl", False),
     ],
 )
-def test_the_files_of_promised_systems_are_locked(file: str, locked: bool) -> None:
+def test_lock_files_contain_the_wheels_of_every_supported_system(file: str, locked: bool) -> None:
     assert bool(PROMISED.search(file)) is locked
 
 
-def test_a_lock_names_no_index() -> None:
+def test_lock_files_name_no_package_index() -> None:
     for lock in LOCKS:
         text = (REQUIREMENTS / f"{lock}.txt").read_text(encoding="utf-8")
         assert not re.search(r"://|^-(?!r [\w-]+\.txt$)|/tmp", text, re.M)
@@ -124,7 +124,7 @@ def test_a_lock_names_no_index() -> None:
         "numpy==2.4.6 \\\n    --hash=sha256:12\n",
     ],
 )
-def test_a_loose_line_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_lock_line_without_exact_version_and_hash_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "loose.txt").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"loose\.txt"):
         read_lock(tmp_path / "loose.txt")
@@ -149,7 +149,7 @@ def test_every_locked_package_has_a_license() -> None:
     assert [name for name, text in rows.items() if not text] == []
 
 
-def test_licenses_are_those_of_the_installed_packages() -> None:
+def test_the_stored_licenses_are_those_of_the_installed_packages() -> None:
     rows = licenses.stored()
     there = {name: licenses.stated(name) for name, pin in all_locked().items() if _installed(name) == pin.version}
     assert {name: rows[name] for name in there} == there
@@ -162,7 +162,7 @@ def _installed(name: str) -> str:
         return ""
 
 
-def test_what_needs_a_package_is_as_written() -> None:
+def test_the_license_table_states_what_needs_each_package() -> None:
     rows = list(licenses.table(all_locked(), licenses.stored()))
     with licenses.TABLE.open(encoding="utf-8", newline="") as file:
         written = list(csv.reader(file))
@@ -170,7 +170,7 @@ def test_what_needs_a_package_is_as_written() -> None:
     assert {row[2] for row in rows} == {"program", "build", "extras"}
 
 
-def test_a_package_without_a_row_is_named(
+def test_a_locked_package_without_a_license_row_is_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pins = {"not-installed-anywhere": Pin("not-installed-anywhere", "1", "", frozenset(), ())}
@@ -192,7 +192,7 @@ def test_vendored_files_are_unchanged() -> None:
 # --- bill of materials ---
 
 
-def test_the_bill_names_the_whole_program(tmp_path: Path) -> None:
+def test_the_bill_of_materials_names_the_whole_program(tmp_path: Path) -> None:
     bom = sbom.bill()
     assert (bom["bomFormat"], bom["specVersion"], bom["version"]) == ("CycloneDX", "1.6", 1)
     assert re.fullmatch(r"urn:uuid:[\da-f]{8}(-[\da-f]{4}){3}-[\da-f]{12}", bom["serialNumber"])
@@ -218,7 +218,7 @@ def test_the_bill_names_the_whole_program(tmp_path: Path) -> None:
     assert sbom.write_bill(tmp_path).read_bytes() == path.read_bytes()
 
 
-def test_what_the_project_requires_is_in_the_bill() -> None:
+def test_the_bill_of_materials_contains_every_requirement() -> None:
     direct = required(_lock("setup"))[PROJECT]
     assert direct == sorted(one.name for one in _asked(_project()["dependencies"]))
 
@@ -248,14 +248,16 @@ COMPILED = [
         ),
     ],
 )
-def test_a_missing_wheel_is_found(marker: str, files: list[str], lacking: dict[str, list[str]]) -> None:
+def test_a_missing_wheel_of_a_supported_system_is_found(
+    marker: str, files: list[str], lacking: dict[str, list[str]]
+) -> None:
     found = wheels.missing([Pin("made", "1.0", marker, frozenset(), ())], {"made": files})
     assert {system: pythons for (_, system), pythons in found.items()} == lacking
     assert wheels.unexpected(found) == [("made", system) for system in lacking]
 
 
 @pytest.mark.skipif(os.environ.get("CHECK_WHEELS") != "yes", reason="asks the package index: make check-wheels")
-def test_other_systems_have_wheels() -> None:
+def test_every_locked_package_has_wheels_for_other_systems() -> None:
     try:
         files = wheels.published()
     except wheels.NoIndexError as error:
@@ -266,7 +268,7 @@ def test_other_systems_have_wheels() -> None:
 # --- workflows ---
 
 
-def test_workflows_name_no_branch_of_an_action() -> None:
+def test_workflows_pin_every_action_to_a_version() -> None:
     assert {path.name for path in WORKFLOWS} == {"ci.yml", "newest.yml"}
     for path in WORKFLOWS:
         for used in re.findall(r"uses: (\S+)", path.read_text(encoding="utf-8")):

@@ -135,7 +135,7 @@ def test_commands_offer_the_device_of_a_package(folder: Path, ended: dict[str, t
     assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")  # without a probe
 
 
-def test_a_package_is_imported_only_where_it_is_used(folder: Path) -> None:
+def test_a_device_package_is_imported_only_where_it_is_used(folder: Path) -> None:
     """Of the kinds: a stage, for its outputs; no sensor, no package, and no other stage."""
     used = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)\n"
     code = "import rig_line_scale, sys; print(rig_line_scale.__file__, sys.prefix)"
@@ -149,7 +149,7 @@ def test_a_package_is_imported_only_where_it_is_used(folder: Path) -> None:
     assert "ModuleNotFoundError" in ours.stderr
 
 
-def test_its_own_tests_pass(folder: Path) -> None:
+def test_the_tests_of_the_example_device_package_pass(folder: Path) -> None:
     options = ("-q", "-p", "no:cacheprovider", "--import-mode=importlib", "-c", os.devnull)
     done = _python(folder, "-m", "pytest", *options, EXAMPLE / "tests")
     assert done.returncode == 0, done.stdout

@@ -109,19 +109,19 @@ def texts() -> dict[str, str]:
         "from rig import WallClock\nassert 1.0 > clock.monotonic_s() - began",
     ],
 )
-def test_the_walk_finds_them(source: str) -> None:
+def test_the_search_for_sleeps_finds_each_forbidden_form(source: str) -> None:
     assert WORTH_PARSING.search(source)
     assert len(list(_forbidden(ast.parse(source)))) == 1
 
 
-def test_no_test_sleeps_or_asks_for_seconds(texts: dict[str, str]) -> None:
+def test_no_test_sleeps_or_measures_seconds(texts: dict[str, str]) -> None:
     parsed = {name: ast.parse(text) for name, text in texts.items() if WORTH_PARSING.search(text)}
     found = {name: uses for name, tree in parsed.items() if (uses := list(_forbidden(tree)))}
     assert {name: uses for name, uses in found.items() if name not in MAY} == {}
     assert set(MAY) - {"waiting.py", "shake.py"} <= set(found), "what is allowed is still needed"
 
 
-def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
+def test_make_shake_repeats_every_real_time_test(texts: dict[str, str]) -> None:
     """Every file with processes, threads, sockets or a wall clock has tests that `make shake` repeats."""
     asked = {name: text for name, text in texts.items() if "test_" in name and any(word in text for word in REAL)}
     found = {name for name, text in asked.items() if not REAL.isdisjoint(_names(ast.parse(text)))}
@@ -140,12 +140,12 @@ def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
     }
 
 
-def test_what_is_begun_first_is_there() -> None:
+def test_every_test_file_scheduled_first_exists() -> None:
     assert [name for name in LONG if not (TESTS / name).is_file()] == []
     assert len(set(LONG)) == len(LONG)
 
 
-def test_what_is_left_to_the_studies_is_there(texts: dict[str, str]) -> None:
+def test_every_test_left_to_the_studies_exists(texts: dict[str, str]) -> None:
     """Whatever is renamed would be in `make test` again, and whatever begins with the same name would be missing."""
     for place in STUDIES:
         file, _, test = place.partition("::")

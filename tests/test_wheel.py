@@ -74,7 +74,7 @@ def _python(site: Path, *arguments: str | Path) -> str:
     return done.stdout
 
 
-def test_it_is_found_there_with_its_data_types_and_command_line(site: Path) -> None:
+def test_the_wheel_contains_data_types_and_command_line(site: Path) -> None:
     files, section, devices = _python(site, "-c", CODE).splitlines()
     script = site / "rig" / "shipped_protocols" / "steps.py"
     assert files == f"{site / 'sim' / '__init__.py'} {site / 'rig' / '__init__.py'} {script}"
@@ -83,7 +83,7 @@ def test_it_is_found_there_with_its_data_types_and_command_line(site: Path) -> N
     assert (site / "sim" / "py.typed").exists()
 
 
-def test_an_example_runs_there(site: Path) -> None:
+def test_a_gallery_script_runs_from_the_wheel(site: Path) -> None:
     said = _python(site, ROOT / "examples" / "gallery" / "library" / "01_press_and_plot.py")
     assert said.startswith("4.7")
     assert " gwt, contact from x = -" in said

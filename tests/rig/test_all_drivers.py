@@ -46,7 +46,7 @@ def test_the_walk_finds_every_kind_of_device() -> None:
 
 
 @ids
-def test_a_driver_names_its_source(driver: type) -> None:
+def test_every_driver_cites_the_manual_of_its_device(driver: type) -> None:
     package = inspect.getmodule(driver)
     assert package is not None
     texts = [package.__doc__ or ""]
@@ -55,7 +55,7 @@ def test_a_driver_names_its_source(driver: type) -> None:
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
-def test_what_is_raised_is_what_is_documented(module: ModuleType) -> None:
+def test_a_driver_raises_only_stage_errors_force_errors_and_value_errors(module: ModuleType) -> None:
     """Stage and force errors, and ValueError before any byte; nothing of the libraries below gets through."""
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
@@ -65,7 +65,7 @@ def test_what_is_raised_is_what_is_documented(module: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("root", [StageError, ModbusError])
-def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
+def test_every_driver_error_class_has_its_own_code(root: type[RigError]) -> None:
     """One that a driver raises with plain text is told apart by it."""
     kinds = [root, *(kind for kind in root.__subclasses__() if kind.__module__.startswith("rig."))]
     codes = [kind.default_code for kind in kinds]
@@ -75,7 +75,7 @@ def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
 
 
 @pytest.mark.parametrize("name", [name for names in BUILT_IN.values() for name in names])
-def test_an_entry_of_the_registry_has_a_twin_and_tests(name: str) -> None:
+def test_every_device_of_the_registry_has_a_twin_and_tests(name: str) -> None:
     entry = find(StageKind if name in BUILT_IN["stage"] else ForceKind, name)
     module, _, function = entry.twin.partition(":")
     assert callable(getattr(importlib.import_module(module), function))

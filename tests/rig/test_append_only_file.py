@@ -27,7 +27,7 @@ LOST: dict[str, tuple[str, Callable[[Path], object]]] = {
 
 
 @pytest.mark.parametrize("how", LOST)
-def test_a_lost_file_says_how_and_goes_on_saying_so(how: str, tmp_path: Path) -> None:
+def test_a_lost_file_reports_how_it_was_lost_at_every_check(how: str, tmp_path: Path) -> None:
     code, lose = LOST[how]
     path = tmp_path / "runs" / "events.jsonl"
     path.parent.mkdir()

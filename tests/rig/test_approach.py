@@ -25,7 +25,7 @@ def _bench(felt: Felt = _finger, settings: dict[str, Any] | None = None, **optio
 
 
 @pytest.mark.parametrize(("lowest_mm", "last_mm"), [(-0.5, -0.5), (-0.524, -0.5), (0.2, 0.2), (0.151, 0.2)])
-def test_contact_is_looked_for_down_to_the_lowest_height_and_no_farther(lowest_mm: float, last_mm: float) -> None:
+def test_the_approach_searches_down_to_the_lowest_height_and_no_farther(lowest_mm: float, last_mm: float) -> None:
     """By increments of 0.05 mm from clearance, 2 mm."""
     bench = _bench(lambda bench: 0.0)
     with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=lowest_mm):
@@ -36,7 +36,7 @@ def test_contact_is_looked_for_down_to_the_lowest_height_and_no_farther(lowest_m
 
 
 @pytest.mark.parametrize(("highest_mm", "trips"), [(0.79, True), (0.81, False)])
-def test_contact_above_the_highest_height_trips(highest_mm: float, trips: bool) -> None:
+def test_contact_above_the_highest_expected_height_trips(highest_mm: float, trips: bool) -> None:
     """The first reading of contact is at 0.8 mm."""
     bench = _bench(lambda bench: 0.2 if bench.height_mm < 0.805 else 0.0)
     approach = Approach(bench.ready(), PressId(0), -0.5, highest_mm)
@@ -51,7 +51,7 @@ def test_contact_above_the_highest_height_trips(highest_mm: float, trips: bool) 
     ("gwt", "noise_gwt", "touched"),
     [(0.05, 0.0, True), (0.04, 0.0, False), (0.12, 0.02, True), (0.11, 0.02, False)],
 )
-def test_contact_is_the_threshold_or_six_times_the_noise_and_as_much_backwards_trips(
+def test_contact_needs_the_threshold_or_6_sd_and_an_equal_negative_force_trips(
     gwt: float, noise_gwt: float, touched: bool
 ) -> None:
     for sign in (1, -1):
@@ -77,7 +77,7 @@ def test_contact_is_the_threshold_or_six_times_the_noise_and_as_much_backwards_t
         (0.055, 0.02, [0.05]),
     ],
 )
-def test_the_fine_descent_begins_an_increment_above_where_nothing_shows_any_more(
+def test_the_fine_descent_begins_one_increment_above_the_lowest_reading_without_force(
     left_gwt: float, noise_gwt: float, heights_mm: list[float]
 ) -> None:
     bench = _bench(lambda bench: 0.5 if bench.height_mm < 0.005 else left_gwt if bench.height_mm < 0.105 else 0.0)
@@ -100,7 +100,7 @@ def _dies(bench: PlainBench) -> float:
         (-0.35, -0.35, -0.35, False),
     ],
 )
-def test_what_was_felt_coarsely_is_felt_again_within_an_increment_or_trips(
+def test_the_fine_descent_finds_contact_within_an_increment_of_the_coarse_one_or_trips(
     lowest_mm: float, said_mm: float, last_mm: float, again: bool
 ) -> None:
     """Felt at -0.35 mm, the first increment that shows 0.05 gwt; the fine descent goes on to -0.4 mm at most."""
@@ -115,7 +115,7 @@ def test_what_was_felt_coarsely_is_felt_again_within_an_increment_or_trips(
 @pytest.mark.parametrize(
     ("lowest_mm", "last_mm", "found"), [(-0.5, -0.37, True), (-0.37, -0.37, True), (-0.36, -0.36, False)]
 )
-def test_a_finger_that_shows_below_a_touch_too_early_is_looked_for_an_increment_farther(
+def test_after_a_false_touch_the_fine_descent_searches_one_increment_deeper(
     lowest_mm: float, last_mm: float, found: bool
 ) -> None:
     """Noise touches at -0.3 mm; an increment below, the finger shows 0.02 gwt, and 0.05 gwt at -0.37 mm.

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
         (".", "mine.py", 2, "cannot read events.jsonl"),
     ],
 )
-def test_a_name_that_the_locale_cannot_read_is_refused_in_one_line(
+def test_a_file_name_that_the_locale_cannot_decode_is_refused_in_one_line(
     folder: str, name: str, code: int, said: str, tmp_path: Path
 ) -> None:
     """It ended in a traceback once the run folder existed."""

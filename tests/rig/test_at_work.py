@@ -44,7 +44,7 @@ def announce() -> Iterator[Any]:
         ({"protocol": "steps"}, {"ok": False, "problem": "not now"}, "run of steps, not now", "rig stop"),
     ],
 )  # fmt: skip
-def test_the_activity_of_the_owner_of_a_port_is_reported(
+def test_the_owner_of_a_port_is_reported_with_its_activity_start_time_and_stop_command(
     announce: Any, more: dict[str, Any], status: Any, does: str, stopped_by: str
 ) -> None:
     announce(status, **more)

@@ -45,7 +45,7 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchMemory:
         (StageStatus("Alarm", -3.0, -2.0, -1.5), False), (StageStatus("Run", -3.0, -2.0, -1.5), False),
     ],
 )  # fmt: skip
-def test_a_stage_stands_where_it_was_left_only_at_rest_and_to_three_micrometres(
+def test_a_stage_counts_as_unmoved_only_at_rest_and_within_three_micrometers(
     memory: BenchMemory, at: StageStatus, there: bool
 ) -> None:
     memory.left(AT)
@@ -53,7 +53,7 @@ def test_a_stage_stands_where_it_was_left_only_at_rest_and_to_three_micrometres(
     assert memory.read().is_where_left(at) is there
 
 
-def test_as_soon_as_something_moves_its_place_is_not_known_and_the_zero_still_is(memory: BenchMemory) -> None:
+def test_a_motion_erases_the_recorded_stage_position_and_keeps_the_force_zero(memory: BenchMemory) -> None:
     memory.record_zero(ForceZero(0.25, 0.02))
     memory.left(AT)
     memory.moves()
@@ -63,7 +63,7 @@ def test_as_soon_as_something_moves_its_place_is_not_known_and_the_zero_still_is
     assert known.left_at_mm is None
 
 
-def test_benches_are_told_apart_by_both_ports(memory: BenchMemory) -> None:
+def test_each_pair_of_ports_has_its_own_bench_memory(memory: BenchMemory) -> None:
     memory.left(AT)
     for table in ("stage", "force"):
         other = BenchMemory(RigSettings.model_validate({table: {"port": "/dev/ttyX"}}))
@@ -72,7 +72,9 @@ def test_benches_are_told_apart_by_both_ports(memory: BenchMemory) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"left_at_mm": "here"}', "[]"])
-def test_a_file_that_cannot_be_read_is_nothing_known(memory: BenchMemory, tmp_path: Path, text: str) -> None:
+def test_an_unreadable_bench_memory_counts_as_empty_and_is_rewritten(
+    memory: BenchMemory, tmp_path: Path, text: str
+) -> None:
     memory.left(AT)
     (path,) = (tmp_path / "deep" / "state").iterdir()
     path.write_text(text, encoding="utf-8")
@@ -82,7 +84,9 @@ def test_a_file_that_cannot_be_read_is_nothing_known(memory: BenchMemory, tmp_pa
     assert [one.name for one in path.parent.iterdir()] == [path.name], "nothing else is left there"
 
 
-def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bench_memory_folder_that_cannot_be_written_raises_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "file"))
     memory = BenchMemory(RigSettings())
@@ -113,7 +117,7 @@ def _switched_off_and_on(stage: Any) -> None:
 
 @pytest.mark.parametrize("kind", BUILT_IN["stage"])
 @pytest.mark.parametrize("off", [False, True], ids=["left alone", "switched off and on"])
-def test_a_stage_that_was_switched_off_is_not_where_it_was_left(kind: str, off: bool) -> None:
+def test_a_stage_that_was_switched_off_does_not_count_as_unmoved(kind: str, off: bool) -> None:
     """It was left at home, 0, and counts from 0 again, wherever a hand or its weight has moved the carriage to."""
     bench, _, memory = _bench(kind)
     if off:
@@ -124,7 +128,7 @@ def test_a_stage_that_was_switched_off_is_not_where_it_was_left(kind: str, off: 
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["stage"])
-def test_an_aged_lift_is_a_raised_position_only_where_the_stage_was_left(kind: str) -> None:
+def test_an_aged_lift_counts_as_raised_only_if_the_stage_has_not_moved_since(kind: str) -> None:
     """The finger may have come up since, and the carriage of a stage without current may have sunk into it."""
     bench, _, memory = _bench(kind)
     memory.touched(KnownContact("lifted", 0.0, 0.0, 25.0, 1.7e9))
@@ -142,7 +146,7 @@ def test_an_aged_lift_is_a_raised_position_only_where_the_stage_was_left(kind: s
 
 
 @pytest.mark.parametrize("kind", [kind for kind in BUILT_IN["stage"] if kind != "grbl"])
-def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: str) -> None:
+def test_manual_control_does_not_trust_the_height_of_a_stage_that_was_switched_off(kind: str) -> None:
     """A board with locked homing says so by itself. A step leaves the height known."""
     bench, config, memory = _bench(kind)
     bench.stage.connect()
@@ -166,7 +170,7 @@ def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: s
     ],
     ids=["another sensor", "another weight", "another scale"],
 )
-def test_a_zero_of_another_sensor_or_scale_is_none(tables: dict[str, Any]) -> None:
+def test_a_zero_recorded_with_another_sensor_or_force_scale_is_not_used(tables: dict[str, Any]) -> None:
     """From it a touch of any force may seem none. What else is on record stays."""
     memory, other = BenchMemory(Config()), BenchMemory(Config.model_validate(tables))
     memory.left(StageStatus("Idle", 1.0, 2.0, 3.0))
@@ -178,7 +182,7 @@ def test_a_zero_of_another_sensor_or_scale_is_none(tables: dict[str, Any]) -> No
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["force"])
-def test_the_next_command_counts_from_the_same_zero(kind: str) -> None:
+def test_the_next_command_measures_force_from_the_recorded_zero(kind: str) -> None:
     """A cell that shows 40 gwt in the air. Some are zeroed by their driver, which then begins anew."""
     config = Config.model_validate({"force": {"kind": kind}})
     clock = VirtualClock(1.7e9)

@@ -54,5 +54,5 @@ def _run(*events: Event, superseded: tuple[Event, ...] = ()) -> Run:
          {"approach": 1.0, "hold": 3.0, "touch-off": 6.0, "lift": 1.0}),
     ],
 )  # fmt: skip
-def test_time_goes_to_what_it_led_to(events: list[Event], went_to: dict[str, float]) -> None:
+def test_the_time_of_a_run_counts_for_the_step_that_follows(events: list[Event], went_to: dict[str, float]) -> None:
     assert booked_s(_run(*events)) == pytest.approx({**NOTHING, **went_to})

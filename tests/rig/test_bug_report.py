@@ -78,7 +78,7 @@ def held(told: Mapping[str, Any]) -> set[str]:
     return {one["name"] for one in told["holds"]}
 
 
-def test_nobody_and_no_machine_is_told_of(program: Program, run: Path) -> None:
+def test_a_bug_report_names_no_subject_user_or_machine(program: Program, run: Path) -> None:
     ended = program("doctor", "--bundle", run, "--json")
     told = ended.json
     assert told["bundle"] == "bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"
@@ -111,7 +111,7 @@ def test_nobody_and_no_machine_is_told_of(program: Program, run: Path) -> None:
         assert not [name for name, text in found.items() if getpass.getuser() in text]
 
 
-def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
+def test_a_bug_report_contains_journal_bytes_configuration_and_versions(program: Program, run: Path) -> None:
     program("doctor", "--bundle", run)
     (bundle,) = Path().glob("bug-report-*.zip")
     found = members(bundle)
@@ -142,7 +142,9 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
     assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.3.0"
 
 
-def test_a_script_of_one_s_own_keeps_its_lines_and_loses_its_words(run: Path, program: Program) -> None:
+def test_a_bug_report_keeps_the_code_of_a_user_script_without_its_texts_and_comments(
+    run: Path, program: Program
+) -> None:
     program("doctor", "--bundle", run)
     found = members(Path("bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"))["protocol.py"]
     lines = found.splitlines()
@@ -155,7 +157,7 @@ def test_a_script_of_one_s_own_keeps_its_lines_and_loses_its_words(run: Path, pr
 
 
 @pytest.mark.parametrize("missing", ["events.jsonl", "provenance.json"])
-def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program, missing: str) -> None:
+def test_a_bug_report_contains_the_readable_parts_of_a_broken_run(run: Path, program: Program, missing: str) -> None:
     (run / missing).unlink()
     (run / "protocol.py").write_text("def run(rig:\n  '''", encoding="utf-8")
     told = program("doctor", "--bundle", run, "--json").json
@@ -176,7 +178,7 @@ def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program
         ("dry-run/x", "dry-run/x"),
     ],
 )
-def test_folders_of_the_command_line(
+def test_a_bug_report_shortens_folders_given_on_the_command_line(
     tmp_path: Path, program: Program, monkeypatch: pytest.MonkeyPatch, text: str, scrubbed: str
 ) -> None:
     """However they were given; a run without a subject has none to take out."""
@@ -213,7 +215,7 @@ def test_folders_of_the_command_line(
         (r"a \u201cquoted\u201d note", GONE),
     ],
 )
-def test_a_text(text: str, scrubbed: str) -> None:
+def test_the_scrubber_removes_paths_and_names_from_a_text(text: str, scrubbed: str) -> None:
     assert Scrubber(["S07", ""], ["  ", "a “quoted” note"], ["given/", "x", "ab"]).text(text) == scrubbed
 
 

@@ -49,7 +49,7 @@ def as_json(said: tuple[int, str, str]) -> dict[str, Any]:
     return dict(json.loads(said[1]))
 
 
-def test_as_json_every_file_is_there_what_was_read_last_first(rig: Said, folder: Path) -> None:
+def test_cache_json_lists_every_file_most_recently_read_first(rig: Said, folder: Path) -> None:
     said = as_json(rig("--json"))
     assert said.pop("entries") == [
         {"name": "new.model", "kind": "model", "bytes": 2_000_000, "read_utc": "1970-01-01T00:05:00+00:00"},
@@ -68,7 +68,9 @@ def test_as_json_every_file_is_there_what_was_read_last_first(rig: Said, folder:
         (("--keep-gb", "1"), set(FILES)),
     ],
 )
-def test_pruning_leaves_what_was_read_last(rig: Said, folder: Path, words: tuple[str, ...], left: set[str]) -> None:
+def test_pruning_the_cache_keeps_the_most_recently_read_models_within_the_limit(
+    rig: Said, folder: Path, words: tuple[str, ...], left: set[str]
+) -> None:
     said = as_json(rig("--prune", *words, "--json"))
     gone = {name: size for name, (size, _) in FILES.items() if name not in left}
     assert {entry["name"] for entry in said["entries"]} == left
@@ -78,7 +80,9 @@ def test_pruning_leaves_what_was_read_last(rig: Said, folder: Path, words: tuple
 
 
 @pytest.mark.parametrize("given", ["much", "-1", "nan", "inf", ""])
-def test_a_limit_that_is_none_is_refused(rig: Said, monkeypatch: pytest.MonkeyPatch, given: str) -> None:
+def test_a_cache_limit_that_is_not_a_positive_number_is_refused(
+    rig: Said, monkeypatch: pytest.MonkeyPatch, given: str
+) -> None:
     monkeypatch.setenv("RIG_CACHE_GB", given)
     with pytest.raises(CacheError):
         most_bytes()

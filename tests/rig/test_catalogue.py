@@ -100,7 +100,9 @@ def _project(name: str) -> tuple[Path, Path]:
 
 
 @every_kind
-def test_an_entry_is_whole(of: type[DeviceKind], name: str, example: None) -> None:
+def test_every_device_kind_has_a_description_settings_tests_and_a_page(
+    of: type[DeviceKind], name: str, example: None
+) -> None:
     entry = find(of, name)
     project, page = _project(name)
     assert type(entry) is of
@@ -115,7 +117,7 @@ def test_an_entry_is_whole(of: type[DeviceKind], name: str, example: None) -> No
 
 
 @every_kind
-def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, example: None) -> None:
+def test_every_driver_connects_to_its_twin_as_configured(of: type[DeviceKind], name: str, example: None) -> None:
     """The twin is found and answers the driver, both as configured."""
     config, clock = _config(of, name), VirtualClock()
     refuse_twinless(config.stage, config.force)
@@ -133,7 +135,7 @@ def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, examp
 
 
 @pytest.mark.parametrize("name", registry.BUILT_IN["stage"])
-def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
+def test_every_stage_kind_has_the_ports_axes_and_outputs_that_it_declares(name: str) -> None:
     entry, stage = find(StageKind, name), checked(StageSettings, {"kind": name, "port": "/dev/a"})
     assert stage_ports(stage) == entry.ports(stage)
     assert stage_ports(stage)[0] == "/dev/a"
@@ -147,7 +149,9 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 # --- a package's own kind ---
 
 
-def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path) -> None:
+def test_the_settings_table_of_a_packaged_device_is_read_from_and_written_to_the_configuration(
+    example: None, tmp_path: Path
+) -> None:
     toml = tmp_path / "rig.toml"
     toml.write_text('[force]\nkind = "line_scale"\nbaud = 4800\n[force.line_scale]\naddress = 7\n', encoding="utf-8")
     config = load_config(toml)
@@ -206,7 +210,7 @@ each_way = pytest.mark.parametrize("way", WAYS)
         ({"force": {"line_scale": {"address": 7}}}, "invalid_table", "force"),
     ],
 )
-def test_what_a_kind_has_not_is_refused_whatever_way_it_comes(
+def test_settings_that_a_device_kind_does_not_have_are_refused_from_every_source(
     way: str, tables: Tables, code: str, key: str, example: None, tmp_path: Path
 ) -> None:
     if way == "devices made in code" and "line_scale" in tables.get("force", {}):
@@ -218,7 +222,7 @@ def test_what_a_kind_has_not_is_refused_whatever_way_it_comes(
 
 
 @each_way
-def test_what_a_kind_has_is_there_whatever_way_it_comes(way: str, example: None, tmp_path: Path) -> None:
+def test_settings_of_a_device_kind_are_complete_from_every_source(way: str, example: None, tmp_path: Path) -> None:
     own = {} if way == "devices made in code" else {"line_scale": {"address": 7}}
     made = WAYS[way]({"force": {"kind": "line_scale", **own}, "stage": {"kind": "leadshine"}}, tmp_path)
     for device, table in ((made.force, {"address": 7 if own else 1}), (made.stage, DrivesSettings().model_dump())):
@@ -227,9 +231,7 @@ def test_what_a_kind_has_is_there_whatever_way_it_comes(way: str, example: None,
         assert device.own(entry.settings).model_dump() == table
 
 
-def test_a_device_named_on_the_command_line_and_the_stage_of_a_stop_are_checked_too(
-    example: None, tmp_path: Path
-) -> None:
+def test_a_device_kind_given_on_the_command_line_or_to_rig_stop_is_checked(example: None, tmp_path: Path) -> None:
     for kinds in ((None, "odd"), ("odd", None)):
         with raises(BadInputError, "unknown_kind", kind="odd"):
             with_kinds(Config(), *kinds)
@@ -263,7 +265,7 @@ DEVICE = ForceKind(name="odd", device="odd", driver=None, settings=Table, tests=
         ("odd_there:DEVICE", ENTRY.replace('"odd", device', '"even", device'), "wrong_name", {"found": "even"}),
     ],
 )
-def test_a_broken_package_is_named_and_harms_nobody_else(
+def test_a_broken_device_package_is_named_and_other_devices_keep_working(
     offered: Offer, place: str, text: str, code: str, fields: dict[str, Any]
 ) -> None:
     offered("odd", {"force.odd": place}, odd_there=text)
@@ -278,7 +280,7 @@ def test_a_broken_package_is_named_and_harms_nobody_else(
         assert getattr(_config(of, name), of.room).kind == name
 
 
-def test_a_name_that_is_taken(offered: Offer) -> None:
+def test_a_device_name_offered_twice_is_reported_and_the_built_in_kind_is_used(offered: Offer) -> None:
     """This program's own kind is used; of two packages none is."""
     offered("odd-one", {"stage.grbl": "odd_there:DEVICE", "force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     assert find(StageKind, "grbl").device.startswith("GRBL")
@@ -318,7 +320,7 @@ def test_a_device_without_a_twin_is_refused_in_one_line(offered: Offer, twin: st
         bench_around(SpringPlant, config, VirtualClock(), io.StringIO())
 
 
-def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
+def test_only_a_device_that_is_served_needs_a_twin(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     config = _config(ForceKind, "odd")
     refuse_twinless(config.stage)
@@ -328,7 +330,7 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
         ServedBench(Config(), stage=None, force="even")
 
 
-def test_a_rehearsal_has_the_usual_device_in_its_place(offered: Offer) -> None:
+def test_a_dry_run_replaces_a_device_without_a_twin_by_the_default_kind(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     config = Config.model_validate({
         "stage": {"kind": "leadshine"}, "force": {"kind": "odd", "baud": 4800}, "sync": {"output": "drive", **WORDS},

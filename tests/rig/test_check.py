@@ -48,7 +48,9 @@ def _peak_gwt(run: Run) -> float:
 
 @pytest.mark.quick(rows=lambda what: what is not STEP)
 @pytest.mark.parametrize("what", [BAR, DEEP, STEP], ids=["bar by force", "cylinder by depth", "step by force"])
-def test_duration_and_peak_are_those_of_the_dry_run(finger: Fingertip, tmp_path: Path, what: dict[str, Any]) -> None:
+def test_check_predicts_duration_and_peak_force_of_the_dry_run(
+    finger: Fingertip, tmp_path: Path, what: dict[str, Any]
+) -> None:
     """5 % of the duration, 2 % of the peak force: what was promised."""
     found, done = _both(tmp_path, finger, what)
     assert done.complete
@@ -57,7 +59,9 @@ def test_duration_and_peak_are_those_of_the_dry_run(finger: Fingertip, tmp_path:
     assert said["peak_force_gwt"] == pytest.approx(_peak_gwt(done.run), rel=0.02)
 
 
-def test_a_stiffer_finger_that_relaxes_is_off_but_trips_nothing(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_stiffer_relaxing_finger_exceeds_the_predicted_peak_without_a_trip(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     """By depth the force is off by the stiffness, less what relaxes; docs/validation/check.md states how much."""
     found, done = _both(
         tmp_path, finger, {**DEEP, "xs": (0.0,)}, virtual={"stiffness": 1.3, "relaxation": [[0.3, 1.0]]}
@@ -69,7 +73,9 @@ def test_a_stiffer_finger_that_relaxes_is_off_but_trips_nothing(finger: Fingerti
     assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
 
 
-def test_a_finger_beyond_twice_the_prediction_trips(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_finger_three_times_stiffer_than_predicted_trips_within_the_overshoot(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     found, done = _both(tmp_path, finger, {**DEEP, "xs": (0.0,)}, virtual={"stiffness": 3.0})
     assert not done.complete
     assert done.problem is not None
@@ -77,7 +83,7 @@ def test_a_finger_beyond_twice_the_prediction_trips(finger: Fingertip, tmp_path:
     assert _peak_gwt(done.run) <= found.trip_gwt + step["overshoot_gwt"]
 
 
-def test_pressures_are_in_kpa(finger: Fingertip, tmp_path: Path) -> None:
+def test_check_reports_mean_and_peak_pressure_in_kpa(finger: Fingertip, tmp_path: Path) -> None:
     """1 MPa = 1 N/mm² = 1000 kPa; the mean is the force over the area, the peak is the model's."""
     path = tmp_path / "mine.py"
     path.write_text(PRESSES.format(**DEEP), encoding="utf-8")
@@ -117,7 +123,7 @@ def _felt(folder: Path, finger: Fingertip, soft_trip_n: float) -> tuple[Finished
     return done, max(felt) / GWT_N
 
 
-def test_no_trip_is_missed_on_a_finger_that_is_not_the_one_expected(finger: Fingertip, tmp_path: Path) -> None:
+def test_no_trip_is_missed_on_a_finger_stiffer_than_predicted(finger: Fingertip, tmp_path: Path) -> None:
     """30 % stiffer, and it relaxes: no run goes on past its trip, wherever between said and read that is put.
 
     Just below the highest reading of a free run the steps get smaller before the trip, the finger relaxes meanwhile,
@@ -143,7 +149,7 @@ def test_no_trip_is_missed_on_a_finger_that_is_not_the_one_expected(finger: Fing
     assert not done.complete
 
 
-def test_a_press_of_a_few_micrometres_can_be_checked(finger: Fingertip, tmp_path: Path) -> None:
+def test_check_accepts_a_press_of_a_few_micrometers(finger: Fingertip, tmp_path: Path) -> None:
     """At half of its depth no node is touched yet: there is no second point for a spring."""
     assert finger.indent("bar:3.0", -0.5, doi_mm=0.002).force_n == 0.0
     path = tmp_path / "mine.py"

@@ -21,7 +21,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
     return program_of(monkeypatch, capsys)
 
 
-def test_two_samples_by_both_operators(rig: Program) -> None:
+def test_encode_turns_two_pressures_into_sed_by_convolution_and_influence_alike(rig: Program) -> None:
     folded = rig("encode", "--pressure", "20,14", *QUICK, "--json").json
     assert (folded["operator"], folded["energy"], folded["samples"]) == ("convolution", "finite", 18)
     assert folded["pressure"] == {"place_mm": pytest.approx([-0.085, 0.085]), "pseudo": [20, 14]}
@@ -36,7 +36,7 @@ def test_two_samples_by_both_operators(rig: Program) -> None:
     assert np.abs(at - felt["sed_pseudo"]).max() < 0.1 * max(felt["sed_pseudo"])
 
 
-def test_a_press_says_how_far_the_operator_is_from_finite_elements(rig: Program) -> None:
+def test_encoding_a_press_states_the_difference_from_finite_elements(rig: Program) -> None:
     press = ("encode", "--shape", "cylinder:3", "--doi-mm", 0.4, *QUICK)
     felt = rig(*press, "--operator", "influence", "--json").json["against_finite_elements"]
     assert abs(felt["relative_l2"]) < 1e-6
@@ -48,13 +48,13 @@ def test_a_press_says_how_far_the_operator_is_from_finite_elements(rig: Program)
     assert Path("encoded.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
-def test_a_press_far_off_the_middle_is_felt_too(rig: Program) -> None:
+def test_encoding_a_press_far_off_the_middle_agrees_with_finite_elements(rig: Program) -> None:
     """On a wider patch of skin than the section begins with, and on a mesh of its own: not to round-off."""
     press = ("encode", "--shape", "bar:1.5", "--x-mm", 4, "--doi-mm", 0.3, "--operator", "influence", *QUICK)
     assert rig(*press, "--json").json["against_finite_elements"]["relative_l2"] < 0.01
 
 
-def test_pressures_from_a_file(rig: Program) -> None:
+def test_encode_reads_pressures_from_a_file_as_from_the_command_line(rig: Program) -> None:
     Path("p.csv").write_text("place_mm,pressure\n-0.085,20\n0.085,14\n", encoding="utf-8")
     options = (*QUICK, "--snr-db", 10, "--seed", 3, "--noise", "output", "--gain", 2, "--threshold", 0, "--json")
     by_file, by_hand = (rig("encode", "--pressure", given, *options).json for given in ("p.csv", "20,14"))
@@ -89,7 +89,7 @@ def test_impulse_has_every_array_as_json(rig: Program) -> None:
         assert len(mine["shift_errors_relative_l2"]["sed"]) == len(mine["shift_errors_relative_l2"]["e12"]) == 13
 
 
-def test_shift_invariance_has_the_sites_of_the_source_beside_its_own(rig: Program) -> None:
+def test_shift_invariance_prints_the_published_sites_beside_its_own(rig: Program) -> None:
     found = rig("shift-invariance", *COARSE, "--force-gwt", 2, "--receptor-depth-mm", 0.7, "--json").json
     assert found["sampled"] == {"spacing_mm": 0.5, "half_width_mm": 2.0, "depth_mm": 0.7, "force_gwt": 2.0}
     sites = found["sites"]
@@ -109,7 +109,9 @@ def test_shift_invariance_has_the_sites_of_the_source_beside_its_own(rig: Progra
     assert scaled == pytest.approx(found["pulp"]["printed"]["a"])
 
 
-def test_point_loads_are_solved_once(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repeated_shift_invariance_solves_no_point_load_again(
+    rig: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", "kept")
     monkeypatch.setattr(encode, "_LINE_EVERY", 100)
     made = rig("shift-invariance", *COARSE)

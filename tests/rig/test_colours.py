@@ -51,17 +51,19 @@ def nearest(colours: list[object], seen: object) -> float:
     [[BLUE, ORANGE, GREEN, GREY, PURPLE, YELLOW], list(PHASES.values()), [BLUE, ORANGE, GREY, "black"]],
     ids=["palette", "phases", "contact panels"],
 )
-def test_colours_stay_apart(colours: list[object], sight: str) -> None:
+def test_colors_of_different_things_stay_distinguishable_for_every_color_vision(
+    colours: list[object], sight: str
+) -> None:
     assert nearest(colours, SEEN[sight]) > GLANCE
 
 
 @pytest.mark.parametrize("sight", SEEN)
-def test_shades_in_order_are_told_by_lightness(sight: str) -> None:
+def test_ordered_shades_differ_in_lightness_for_every_color_vision(sight: str) -> None:
     lightness = [lab(shade(k, 8), np.asarray(SEEN[sight], dtype=float))[0] for k in range(8)]
     assert (np.diff(lightness) > 4).all()
 
 
-def test_the_measure_tells_red_from_green_only_where_they_differ() -> None:
+def test_the_color_distance_shrinks_between_red_and_green_for_a_deuteranope() -> None:
     red, green = "#b45f00", "#6b7a00"
     assert nearest([red, green], SEEN["all colours"]) > 2 * nearest([red, green], SEEN["deuteranopia"])
 
@@ -75,7 +77,7 @@ ON_THE_MAP = {
 
 
 @pytest.mark.parametrize(("cells", "place", "kept"), ON_THE_MAP.values(), ids=ON_THE_MAP)
-def test_only_what_lies_on_colors_keeps_its_own_on_a_dark_page(
+def test_on_a_dark_page_only_text_on_a_color_map_keeps_its_color(
     cells: NDArray[np.float64], place: tuple[float, float], kept: bool
 ) -> None:
     """Black on the dark page itself could not be read."""
@@ -85,7 +87,7 @@ def test_only_what_lies_on_colors_keeps_its_own_on_a_dark_page(
     assert group.startswith("map") is kept
 
 
-def test_edges_of_markers_on_a_map_stay_on_a_dark_page() -> None:
+def test_edges_of_markers_on_a_color_map_keep_their_color_on_a_dark_page() -> None:
     """Browsers do not find the map around a marker that they repeat, so that it has a rule of its own."""
     marks = guide("plot", [0, 1], [0, 1], "o", mfc="black", mec="white")
     svg = Plot((3, 3), [Subplot("", "", [guide("imshow", CELLS), marks])]).page_svg

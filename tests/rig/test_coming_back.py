@@ -42,7 +42,7 @@ def _approached(bench: PlainBench) -> list[list[float]]:
 @pytest.mark.parametrize("speed_mm_s", [0.02, 5.0])
 @pytest.mark.parametrize("force", [{}, {"latency_s": 0.2}, {"sample_period_s": 0.2}])
 @pytest.mark.parametrize(("increment_mm", "acceleration_mm_s2"), [(0.05, 50.0), (0.05, 5.0), (0.01, 50.0)])
-def test_no_configuration_lets_one_move_come_nearer_than_the_stopping_distance(
+def test_no_configuration_lets_a_single_move_end_within_the_stopping_distance_of_the_skin(
     speed_mm_s: float, force: dict[str, float], increment_mm: float, acceleration_mm_s2: float
 ) -> None:
     """The smallest margin there is, and the increment that any move may go on below where it is free."""
@@ -60,7 +60,7 @@ def test_no_configuration_lets_one_move_come_nearer_than_the_stopping_distance(
 
 
 @pytest.mark.parametrize("press", ["indent", "touch"])
-def test_the_second_time_in_one_move_and_increments_below(press: str) -> None:
+def test_a_second_press_at_a_place_approaches_in_one_move_and_increments_below(press: str) -> None:
     """Down to 0.1 mm: the lowest whole increment from clearance above -0.3 + 0.1 + 0.2575 mm, about 0.06 mm."""
     bench = _bench()
     engine = bench.ready()
@@ -79,7 +79,7 @@ def test_the_second_time_in_one_move_and_increments_below(press: str) -> None:
     assert [a - b for a, b in itertools.pairwise(second)] == pytest.approx([0.05] * (len(second) - 1))
 
 
-def test_contact_and_holds_are_the_same_as_by_increments() -> None:
+def test_a_press_after_one_move_measures_the_same_contact_and_holds_as_by_increments() -> None:
     found = []
     for settings in ({}, NEVER):
         bench = _bench(settings)
@@ -91,7 +91,7 @@ def test_contact_and_holds_are_the_same_as_by_increments() -> None:
     assert found[0] == found[1]
 
 
-def test_the_one_move_ends_where_the_search_does() -> None:
+def test_the_single_move_of_a_repeated_press_stays_above_the_lowest_search_height() -> None:
     """Contact is expected at 0.9 - 0.5 mm at the lowest now: above where it was, so it is missed, not gone to."""
     bench = _bench()
     engine = bench.ready()
@@ -102,7 +102,7 @@ def test_the_one_move_ends_where_the_search_does() -> None:
 
 
 @pytest.mark.parametrize(("free_mm", "first_mm"), [(2.0, 1.95), (1.88, 1.9), (0.06, 0.1)])
-def test_one_move_is_of_whole_increments(free_mm: float, first_mm: float) -> None:
+def test_the_single_move_of_a_repeated_press_covers_whole_increments(free_mm: float, first_mm: float) -> None:
     bench = _bench({"habits": {"retouch_margin_mm": free_mm - CONTACT_MM - GOES_ON_MM}})
     engine = bench.ready()
     for _ in range(2):
@@ -168,7 +168,9 @@ def _not_reached(engine: Engine) -> None:
     ids=["nothing", "rest", "zero", "there and back", "along and back", "elsewhere", "mount", "home", "pause", "stop",
          "not reached"],
 )  # fmt: skip
-def test_what_makes_a_place_count_as_untouched(between: Callable[[Engine], None], one_move: bool) -> None:
+def test_a_press_approaches_by_increments_after_each_event_that_makes_a_place_untouched(
+    between: Callable[[Engine], None], one_move: bool
+) -> None:
     bench = _bench()
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.0)
@@ -177,7 +179,7 @@ def test_what_makes_a_place_count_as_untouched(between: Callable[[Engine], None]
     assert _approached(bench)[-1][0] == pytest.approx(0.1 if one_move else 1.95)
 
 
-def test_a_pause_within_a_press_begins_it_anew_by_increments() -> None:
+def test_a_press_paused_midway_starts_again_by_increments() -> None:
     bench = _bench()
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.0)
@@ -188,7 +190,7 @@ def test_a_pause_within_a_press_begins_it_anew_by_increments() -> None:
     assert (heights[0], heights.count(1.95)) == (pytest.approx(0.1), 1)
 
 
-def test_a_pause_is_taken_before_the_one_move() -> None:
+def test_a_pause_takes_effect_before_the_single_move_down() -> None:
     bench = _bench()
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.0)
@@ -204,7 +206,7 @@ def test_a_pause_is_taken_before_the_one_move() -> None:
 
 
 @pytest.mark.parametrize(("nearer_mm", "trips"), [(0.3, False), (0.45, False), (1.0, True), (1.5, True)])
-def test_a_finger_that_has_come_nearer_ends_the_move_at_the_touch(
+def test_the_single_move_down_ends_at_the_touch_of_a_finger_that_came_nearer(
     spring: Make, nearer_mm: float, trips: bool
 ) -> None:
     """The contact is expected at -0.3 ± 0.5 mm. Beyond the touch it goes on for less than the stopping distance."""
@@ -230,7 +232,7 @@ def test_a_finger_that_has_come_nearer_ends_the_move_at_the_touch(
     )
 
 
-def test_the_trip_of_the_plan_holds_in_the_move(spring: Make) -> None:
+def test_the_planned_soft_trip_acts_during_the_single_move_down(spring: Make) -> None:
     """A block, 1.5 mm nearer, and a soft trip of 10.2 gwt: the move ends, tripped, and lifts."""
     bench = spring(k_gwt=10.0, soft_trip_n=0.1)
     engine = bench.ready()
@@ -242,7 +244,9 @@ def test_the_trip_of_the_plan_holds_in_the_move(spring: Make) -> None:
 
 
 @pytest.mark.parametrize("shown_gwt", [0.05, -0.05])
-def test_a_touch_on_the_way_that_is_none_at_rest_is_followed_by_increments(spring: Make, shown_gwt: float) -> None:
+def test_after_a_touch_in_motion_that_vanishes_at_rest_the_press_goes_on_by_increments(
+    spring: Make, shown_gwt: float
+) -> None:
     """A knock at the table. Anything less than a touch ends nothing."""
     for knock_gwt, ends in ((shown_gwt, True), (0.8 * shown_gwt, False)):
         bench = spring(k_gwt=10.0)

@@ -61,7 +61,7 @@ def script(tmp_path: Path) -> Path:
 # --- indent ---
 
 
-def test_indent_json(rig: Rig, finger: Fingertip) -> None:
+def test_indent_json_has_force_depth_pressure_and_receptor_measures(rig: Rig, finger: Fingertip) -> None:
     ended = rig("indent", "--shape", "step:1", "--x-mm", "-0.5", "--force-gwt", "2.33", "--json")
     assert (ended.code, ended.err) == (0, "")
     answer = ended.json
@@ -75,7 +75,7 @@ def test_indent_json(rig: Rig, finger: Fingertip) -> None:
     assert (answer["solver"]["model"], answer["solver"]["converged"]) == ("finger", True)
 
 
-def test_a_section_states_the_length_behind_its_force(rig: Rig) -> None:
+def test_a_section_model_states_the_length_that_its_force_assumes(rig: Rig) -> None:
     arguments = ("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "section", "--json")
     plain, long = (json.loads(rig(*arguments, *more).out) for more in ((), ("--length-mm", "3.5")))
     assert (plain["force_n"], plain["force_gwt"], plain["effective_length_mm"]) == (None, None, None)
@@ -88,7 +88,7 @@ def test_a_section_states_the_length_behind_its_force(rig: Rig) -> None:
 
 @pytest.mark.quick(rows=lambda tolerance, model: model == "halfspace")  # of the finger: sim/test_choice.py
 @pytest.mark.parametrize(("tolerance", "model"), [("60%", "halfspace"), ("0.05", "finger")])
-def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -> None:
+def test_the_auto_model_reports_its_choice_error_and_cost(rig: Rig, tolerance: str, model: str) -> None:
     ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "auto",
                 "--tol", tolerance, "--json")  # fmt: skip
     answer = json.loads(ended.out)
@@ -98,7 +98,7 @@ def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -
     assert 0 < answer["choice"]["expected_cost"]["press_s"] < answer["choice"]["expected_cost"]["from_nothing_s"]
 
 
-def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
+def test_a_refusal_is_printed_as_json_when_json_was_requested(rig: Rig) -> None:
     for arguments, code in (
         (("indent", "--shape", "bar:3.0", "--x-mm", 0, "--doi-mm", 1, "--tol", "2%"), "needs_option"),
         (("indent", "--x-mm", "left"), "usage"),
@@ -113,7 +113,7 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
 # --- dry-run ---
 
 
-def test_dry_run_json(rig: Rig, script: Path) -> None:
+def test_dry_run_json_names_the_folder_of_a_complete_run_with_all_its_files(rig: Rig, script: Path) -> None:
     ended = rig("dry-run", script, "--out", "here", "--json")
     assert ended.code == 0
     answer = ended.json
@@ -129,7 +129,7 @@ def test_dry_run_json(rig: Rig, script: Path) -> None:
     assert "  report.html\n" in sums
 
 
-def test_settings_in_either_form(rig: Rig, script: Path) -> None:
+def test_set_options_may_be_joined_or_repeated(rig: Rig, script: Path) -> None:
     for form in (("--set", "depth_mm=0.2", "times=2"), ("--set", "depth_mm=0.2", "--set", "times=2")):
         assert [step["doi_mm"] for step in rig("check", script, *form, "--json").json["steps"]] == [0.2, 0.2]
     answer = rig("dry-run", script, "--set", "depth_mm=0.2", "--json", "--set", "times=2").json
@@ -138,7 +138,7 @@ def test_settings_in_either_form(rig: Rig, script: Path) -> None:
     assert start["parameters"] == {"depth_mm": 0.2, "times": 2}
 
 
-def test_a_refused_dry_run_leaves_nothing(rig: Rig, script: Path) -> None:
+def test_a_refused_dry_run_leaves_no_file(rig: Rig, script: Path) -> None:
     Path("shallow.toml").write_text("[limits]\nmax_doi_mm = 0.25\n", encoding="utf-8")
     there = sorted(Path().iterdir())
     for arguments in (
@@ -153,7 +153,7 @@ def test_a_refused_dry_run_leaves_nothing(rig: Rig, script: Path) -> None:
     assert script.read_text(encoding="utf-8") == SCRIPT
 
 
-def test_a_calibration_out_of_date_warns_in_a_dry_run(rig: Rig, script: Path) -> None:
+def test_a_dry_run_warns_of_an_expired_calibration(rig: Rig, script: Path) -> None:
     """`rig run` refuses it: nothing real may move by it."""
     Path("rig.toml").write_text(
         "[calibration.force_scale]\nvalue = 1.0\ndate = 2019-01-01\nexpires = 2020-01-01\n", encoding="utf-8"
@@ -166,7 +166,7 @@ def test_a_calibration_out_of_date_warns_in_a_dry_run(rig: Rig, script: Path) ->
     assert "2020-01-01" in warning
 
 
-def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:
+def test_a_dry_run_that_trips_exits_with_1_and_its_page_tells_how_to_continue(rig: Rig, script: Path) -> None:
     """A screw so wrong that the indentor does not get to the skin."""
     Path("rig.toml").write_text("[virtual]\nz_screw_steps_per_mm = 460\n", encoding="utf-8")
     ended = rig("dry-run", script, "--config", "rig.toml", "--json")
@@ -189,7 +189,7 @@ def _ending_on_page(report: Path) -> str:
     return report.read_text("utf-8").partition('<table id="ending">')[2].partition("</table>")[0]
 
 
-def test_a_script_that_fails_only_when_it_is_carried_out(rig: Rig, script: Path) -> None:
+def test_a_script_that_fails_during_the_run_exits_with_1_and_names_its_line(rig: Rig, script: Path) -> None:
     second = "(passes := vars(__import__('sys')).setdefault(__file__, [])) or passes.append(1)"
     script.write_text(SCRIPT + f"    if {second}:\n        1 / 0\n", encoding="utf-8")
     ended = rig("dry-run", script, "--json")
@@ -247,7 +247,7 @@ def running(script: Path, tmp_path: Path) -> Any:
             one.process.communicate()
 
 
-def test_ctrl_c_stops_at_a_safe_point(finger: Fingertip, running: Any) -> None:
+def test_ctrl_c_stops_a_run_at_a_safe_point(finger: Fingertip, running: Any) -> None:
     run = running()
     run.wait_for('"phase": "press"')
     run.process.send_signal(signal.SIGINT)
@@ -279,9 +279,7 @@ def test_a_killed_run_leaves_a_readable_journal(finger: Fingertip, running: Any)
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
-def test_what_is_no_number_in_json_never_leaves_the_program(
-    number: float, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_output_never_contains_nan_or_infinity(number: float, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         print_json({"force_gwt": [1.0, number]})
     assert capsys.readouterr().out == ""

@@ -33,7 +33,9 @@ def _block(spring: Make, rig_mm_per_n: float, top_mm: float = 0.1, noise_gwt: fl
 
 
 @pytest.mark.parametrize(("mm_per_n", "noise_gwt"), [(0.02, 0.0), (0.2, 0.02)])
-def test_the_truth_lies_within_the_uncertainty(spring: Make, mm_per_n: float, noise_gwt: float) -> None:
+def test_the_true_compliance_lies_within_three_sd_of_the_measured_one(
+    spring: Make, mm_per_n: float, noise_gwt: float
+) -> None:
     """Three standard deviations; and these are no wider than a tenth of the value, some steps in 1 N."""
     bench = _block(spring, mm_per_n, noise_gwt=noise_gwt)
     found = measure_compliance(bench.ready(), 100.0)
@@ -62,7 +64,7 @@ def _steps_block(
 
 
 @pytest.mark.parametrize(("to_n", "readings"), [(0.94, 16), (0.44, 8), (0.69, 12)])
-def test_the_compliance_is_a_line_through_what_is_at_least_a_fifth_of_the_force(to_n: float, readings: int) -> None:
+def test_compliance_is_fitted_to_readings_of_at_least_a_fifth_of_the_force(to_n: float, readings: int) -> None:
     """19 steps of 0.05 N to 0.95 N, the first three below 0.19 N: n equal steps, the last where the force is reached.
 
     A step of the stage is known to 0.0025 mm / √12, and n of them with 0.05 N between them spread by
@@ -79,7 +81,7 @@ def test_the_compliance_is_a_line_through_what_is_at_least_a_fifth_of_the_force(
 
 
 @pytest.mark.parametrize(("to_n", "readings"), [(0.19, 4), (0.14, 3)])
-def test_the_compliance_takes_four_steps_within_the_force(to_n: float, readings: int) -> None:
+def test_measuring_compliance_needs_four_steps_within_the_force(to_n: float, readings: int) -> None:
     bench = _steps_block()
     if readings >= 4:
         assert measure_compliance(bench.engine, to_n / GWT_N).readings == readings
@@ -89,7 +91,7 @@ def test_the_compliance_takes_four_steps_within_the_force(to_n: float, readings:
     assert bench.height_mm == pytest.approx(2.0)
 
 
-def test_a_block_is_come_to_by_increments_and_looked_for_as_far_as_a_finger() -> None:
+def test_the_rigid_block_is_approached_by_increments_over_the_search_range_of_a_finger() -> None:
     """limits.search_mm above and below where it should be; single steps in between."""
     bench = _steps_block(top_mm=-3.0, settings={"limits": {"search_mm": 0.481}})
     with raises(TripError, "no_block", lowest_mm=-0.481):
@@ -99,7 +101,7 @@ def test_a_block_is_come_to_by_increments_and_looked_for_as_far_as_a_finger() ->
     assert heights[31:] == pytest.approx([0.45 - 0.0025 * k for k in range(1, 373)])
 
 
-def test_an_operator_stops_it_between_two_steps() -> None:
+def test_an_operator_stops_the_compliance_measurement_between_two_steps() -> None:
     bench = _steps_block()
     bench.goes_on = False
     bench.wants_pause = lambda: len(bench.readings("compliance")) >= 40

@@ -44,7 +44,7 @@ def _so_long(key: Key, bound: float) -> Any:
 
 
 @every_table
-def test_the_first_value_beyond_a_bound_is_refused_and_the_last_within_it_is_not(table: str) -> None:
+def test_every_key_refuses_the_first_value_beyond_its_bound_and_takes_the_last_within(table: str) -> None:
     for key, (sign, bound) in [(k, limit) for k in _keys_of(table) for limit in k.bounds]:
         outwards = -math.inf if ">" in sign else math.inf
         towards = outwards if "=" in sign else -outwards
@@ -55,7 +55,7 @@ def test_the_first_value_beyond_a_bound_is_refused_and_the_last_within_it_is_not
 
 
 @every_table
-def test_a_side_without_a_bound_is_open(table: str) -> None:
+def test_a_key_without_a_bound_takes_any_large_value(table: str) -> None:
     for key in _keys_of(table):
         if key.kind in ("number", "integer") and not key.lists:
             bounded = {sign[0] for sign, _ in key.bounds}
@@ -64,7 +64,7 @@ def test_a_side_without_a_bound_is_open(table: str) -> None:
 
 
 @every_table
-def test_a_value_of_another_kind_is_refused(table: str) -> None:
+def test_every_key_refuses_a_value_of_another_type(table: str) -> None:
     for key in _keys_of(table):
         assert not [value for value in WRONG_KIND[key.kind] if not key.refuses(value)], key.name
         assert not [word for word in key.words if key.refuses(word)], key.name
@@ -96,7 +96,7 @@ def _calibrations(without: str = "") -> dict[str, dict[str, dict[str, Any]]]:
     return {"calibration": tables}
 
 
-def test_every_key_is_in_the_table_with_its_default() -> None:
+def test_every_configuration_key_has_its_default_in_the_table() -> None:
     told = dict(_defaults(Config.model_validate(_calibrations())))
     assert told.pop("identified") is None  # a table that commands write: tests/rig/identify/test_finger_file.py
     assert list(told) == list(TABLE)
@@ -106,7 +106,7 @@ def test_every_key_is_in_the_table_with_its_default() -> None:
     assert not list(Config().calibration.measured())
 
 
-def test_every_key_of_a_kind_is_in_its_table_with_its_default() -> None:
+def test_every_key_of_a_device_kind_has_its_default_in_the_table() -> None:
     """All but the tables of leadshine and laumas, which may stand in any configuration."""
     told: dict[str, Any] = {}
     for of in KINDS:
@@ -119,13 +119,13 @@ def test_every_key_of_a_kind_is_in_its_table_with_its_default() -> None:
 
 
 @pytest.mark.parametrize("name", REQUIRED)
-def test_a_calibration_is_told_whole(name: str) -> None:
+def test_a_calibration_without_value_date_or_expiry_is_refused(name: str) -> None:
     with pytest.raises(ValidationError) as caught:
         Config.model_validate(_calibrations(without=name))
     assert [(".".join(map(str, one["loc"])), one["type"]) for one in caught.value.errors()] == [(name, "missing")]
 
 
-def test_the_limits_in_the_docs_are_those_of_the_table() -> None:
+def test_the_safety_page_lists_every_limit_with_its_default() -> None:
     """docs/safety_promises.md: | `key`, `key` | default, default | what it does |"""
     rows = re.search(r"keys\s+of\s+`\[limits\]`:\n\n.*\n.*\n((\|.*\n)+)", SAFETY.read_text(encoding="utf-8"))
     assert rows

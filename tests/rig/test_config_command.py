@@ -34,7 +34,7 @@ def _whole() -> Config:
     return Config.model_validate({"calibration": dict.fromkeys(names, measured)})
 
 
-def test_every_key_there_is_is_told_once_in_one_line() -> None:
+def test_rig_config_describes_every_key_once_in_one_line() -> None:
     told = list(keys(_whole()))
     assert {key.place for key in told} == set(TABLE)
     assert len(told) == len(TABLE)
@@ -43,7 +43,9 @@ def test_every_key_there_is_is_told_once_in_one_line() -> None:
         assert key.allowed, key.place
 
 
-def test_what_it_prints_is_a_file_that_gives_the_same(program: Program, tmp_path: Path) -> None:
+def test_the_output_of_rig_config_is_a_file_that_loads_as_the_same_configuration(
+    program: Program, tmp_path: Path
+) -> None:
     for text in ("", CALIBRATED):
         (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
         ended = program("config", "--config", tmp_path / "rig.toml")
@@ -53,13 +55,13 @@ def test_what_it_prints_is_a_file_that_gives_the_same(program: Program, tmp_path
         assert ended.out.count("by default") == text.count(" = ")
 
 
-def test_the_reference_is_what_the_command_writes(program: Program) -> None:
+def test_the_configuration_page_is_the_output_of_rig_config_markdown(program: Program) -> None:
     assert program("config", "--markdown").out == REFERENCE.read_text(encoding="utf-8"), (
         "rig config --markdown > docs/configuration.md"
     )
 
 
-def test_one_key_or_one_table(program: Program) -> None:
+def test_rig_config_prints_one_key_or_one_table_by_name(program: Program) -> None:
     of_a_key = f"[limits]\n# {_described('max_doi_mm')} (mm, number > 0, ≤ 2)\nmax_doi_mm = 1.5\n"
     for name in ("max_doi_mm", "limits.max_doi_mm"):
         assert program("config", name) == Ended(0, of_a_key, "")
@@ -68,7 +70,7 @@ def test_one_key_or_one_table(program: Program) -> None:
     assert program("config", "stage.framing").out.endswith(f"(rtu | tcp)\n# framing = {ABSENT}\n")
 
 
-def test_what_a_file_sets_stands_beside_the_default(program: Program, tmp_path: Path) -> None:
+def test_rig_config_prints_a_value_from_a_file_beside_the_default(program: Program, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(CALIBRATED, encoding="utf-8")
     words = ["config", "max_doi_mm", "--config", tmp_path / "rig.toml"]
     assert program(*words).out.endswith("(mm, number > 0, ≤ 2; by default 1.5)\nmax_doi_mm = 1.0\n")
@@ -80,7 +82,7 @@ def test_what_a_file_sets_stands_beside_the_default(program: Program, tmp_path: 
 
 
 @pytest.mark.parametrize(("key", "near"), [("sof_trip_n", "soft_trip_n"), ("ß", "rig config")])
-def test_an_unknown_key_is_told_its_neighbour(program: Program, key: str, near: str) -> None:
+def test_rig_config_suggests_the_nearest_key_for_an_unknown_one(program: Program, key: str, near: str) -> None:
     ended = program("config", key, "--json")
     assert (ended.code, ended.error_code) == (2, "unknown_key")
     assert near in ended.complaint

@@ -71,12 +71,14 @@ VALUE, TABLE = "invalid_value", "invalid_table"
         (b"\xff\xfe\x00", "no_toml", {}),
     ],
 )  # fmt: skip
-def test_what_where_and_what_was_expected(toml: Path, text: str | bytes, code: str, fields: dict[str, Any]) -> None:
+def test_a_faulty_configuration_file_is_refused_with_key_problem_and_expectation(
+    toml: Path, text: str | bytes, code: str, fields: dict[str, Any]
+) -> None:
     toml.write_bytes(text if isinstance(text, bytes) else text.encode())
     has_code(_refused(toml), code, **fields)
 
 
-def test_no_such_file_and_a_folder(toml: Path) -> None:
+def test_a_missing_configuration_file_and_a_folder_are_refused(toml: Path) -> None:
     has_code(_refused(toml), "unreadable", problem=os.strerror(errno.ENOENT))
     toml.mkdir()
     has_code(_refused(toml), "unreadable", problem=os.strerror(errno.EISDIR))
@@ -116,7 +118,7 @@ CODES = {"sync.output: ": "no_such_output", "sync: ": "incomplete_sync"}
     ],
     ids=str,
 )
-def test_keys_that_go_with_each_other(tables: dict[str, dict[str, object]], begins: str) -> None:
+def test_keys_that_contradict_each_other_are_refused(tables: dict[str, dict[str, object]], begins: str) -> None:
     """Equal is allowed where it says "no more"."""
     if begins:
         with pytest.raises(ValidationError) as caught:
@@ -141,7 +143,9 @@ def test_keys_that_go_with_each_other(tables: dict[str, dict[str, object]], begi
     ],
     ids=str,
 )
-def test_the_virtual_finger_relaxes_in_part_and_in_time(series: list[list[float]], lasts: bool) -> None:
+def test_the_prony_series_of_the_virtual_finger_has_shares_below_one_and_positive_times(
+    series: list[list[float]], lasts: bool
+) -> None:
     """Shares above 0 that sum to less than 1, and time constants above 0."""
     if lasts:
         _takes({"virtual": {"relaxation": series}})
@@ -174,7 +178,7 @@ expires = "2026-09-02"
 """
 
 
-def test_calibrations_have_a_date_and_an_end(toml: Path) -> None:
+def test_a_calibration_expires_after_its_last_day(toml: Path) -> None:
     toml.write_text(CALIBRATED, encoding="utf-8")
     calibration = load_config(toml).calibration
     assert [name for name, _ in calibration.measured()] == ["z_steps_per_mm", "force_scale"]
@@ -189,13 +193,13 @@ def test_calibrations_have_a_date_and_an_end(toml: Path) -> None:
 # --- files ---
 
 
-def test_a_byte_order_mark_is_no_mistake(toml: Path) -> None:
+def test_a_configuration_file_with_a_byte_order_mark_is_read(toml: Path) -> None:
     """As editors on Windows write it."""
     toml.write_text("[limits]\nmax_doi_mm = 1.0\n", encoding="utf-8-sig")
     assert load_config(toml).limits.max_doi_mm == 1.0
 
 
-def test_a_file_changes_only_what_it_names(toml: Path) -> None:
+def test_a_configuration_file_changes_only_the_keys_that_it_names(toml: Path) -> None:
     toml.write_text("[limits]\nmax_doi_mm = 1.0\n[virtual]\nz_screw_steps_per_mm = 408\n", encoding="utf-8")
     config = load_config(toml)
     assert config.limits.max_doi_mm == 1.0
@@ -222,7 +226,9 @@ CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place,
     port=st.text(ODD_CHARACTERS, min_size=1, max_size=20).filter(str.strip),
 )
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:
+def test_a_configuration_written_as_toml_reads_back_the_same(
+    toml: Path, changes: dict[tuple[str, str], float], port: str
+) -> None:
     tables: dict[str, dict[str, object]] = {"stage": {"port": port}, "finger": {"tissue": {"e_bone": 1e9}}}
     for (table, key), value in changes.items():
         tables.setdefault(table, {})[key] = value
@@ -252,7 +258,7 @@ def _measured(value: float, **changes: Any) -> dict[str, Any]:
     return {"value": value, "date": DAY, "expires": DAY, **changes}
 
 
-def test_a_calibration_may_expire_the_day_it_was_measured_and_not_before() -> None:
+def test_a_calibration_that_expires_before_the_day_it_was_measured_is_refused() -> None:
     assert Calibration.model_validate(_measured(1.0)).sd == 0.0
     Calibration.model_validate(_measured(1.0, sd=0.0, expires=datetime.date(2027, 5, 1)))
     early = _measured(1.0, expires=datetime.date(2026, 4, 30))
@@ -261,7 +267,7 @@ def test_a_calibration_may_expire_the_day_it_was_measured_and_not_before() -> No
 
 
 @pytest.mark.parametrize("name", MEASURED)
-def test_a_measured_number_is_one_that_can_be(name: str) -> None:
+def test_a_calibration_value_that_is_physically_impossible_is_refused(name: str) -> None:
     """Steps run either way, a length has no sign, and a scale is not nothing."""
     kind = name.removeprefix("x_").removeprefix("y_").removeprefix("z_")
     refused = {
@@ -280,7 +286,7 @@ def test_a_measured_number_is_one_that_can_be(name: str) -> None:
             _first(name, partial(CalibrationSettings.model_validate, tables), f"value = {value:g}: ")
 
 
-def test_a_calibration_of_a_day_to_come_has_a_wrong_date_or_the_computer_a_wrong_clock(
+def test_a_calibration_dated_in_the_future_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Tomorrow may be today elsewhere. With a clock that stands in 1970 nothing would ever expire."""
@@ -313,7 +319,7 @@ def _stage(kind: str, x: dict[str, Any], z: dict[str, Any]) -> StageSettings:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("same_id", [True, False])
-def test_drives_are_told_apart_by_id_or_by_port(
+def test_two_drives_need_different_ids_or_different_ports(
     x_port: str | None, z_port: str | None, ports: tuple[str, ...], same_id: bool
 ) -> None:
     x, z = {"device_id": 5, "port": x_port}, {"device_id": 5 if same_id else 6, "port": z_port}
@@ -329,7 +335,7 @@ WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
 
 
 @pytest.mark.parametrize("missing", [None, *WORDS])
-def test_the_words_of_an_output_are_all_there_or_none(missing: str | None) -> None:
+def test_the_registers_of_a_drive_output_are_given_all_or_none(missing: str | None) -> None:
     words = {key: value for key, value in WORDS.items() if key != missing}
     assert SyncSettings.model_validate(words).words == (None if missing else (0x157, 0x80, 0))
     bench = {"stage": {"kind": "leadshine"}, "sync": {"output": "drive", **words}}

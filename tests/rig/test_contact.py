@@ -38,7 +38,9 @@ FORCES: dict[ContactKind, float | None] = {
 
 
 @given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
-def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None, touch_gwt: float) -> None:
+def test_a_finger_counts_as_lifted_only_at_clearance_with_a_force_below_touch(
+    clear: bool, force_gwt: float | None, touch_gwt: float
+) -> None:
     found = KnownContact(contact_kind(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
     confirmed = clear and force_gwt is not None and abs(force_gwt) < touch_gwt
     assert found.may_touch is not confirmed
@@ -56,7 +58,7 @@ def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None
         (False, "raised", 0.02, 0.5, "raised", False),
     ],
 )
-def test_a_reading_renews_a_fresh_lift_or_ends_it_and_below_clearance_does_neither(
+def test_a_reading_at_clearance_renews_or_ends_a_lift_and_below_clearance_neither(
     may_touch: bool, kind: ContactKind, gwt: float, after_s: float, then: ContactKind, renewed: bool
 ) -> None:
     before = ContactRecord(KnownContact(kind), 100.0, may_touch=may_touch)
@@ -153,7 +155,7 @@ FRESH = (
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("place", PLACES)
-def test_every_place_says_what_is_known_and_no_more(
+def test_every_report_of_contact_states_only_what_was_measured_and_when(
     settings: Config, tmp_path: Path, place: str, kind: ContactKind
 ) -> None:
     """Of another process's measurement: when it was made, and never that the finger is not touched."""
@@ -179,7 +181,7 @@ def test_every_place_says_what_is_known_and_no_more(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("before", [None, *KINDS])
-def test_only_a_confirmed_lift_makes_a_finger_clear(
+def test_only_a_confirmed_lift_is_recorded_as_lifted(
     settings: Config, before: ContactKind | None, kind: ContactKind
 ) -> None:
     memory = BenchMemory(settings)
@@ -193,7 +195,7 @@ def test_only_a_confirmed_lift_makes_a_finger_clear(
     assert contact.kind == ("lifted" if stays else kind)
 
 
-def test_a_record_that_cannot_be_written_does_not_go_on_saying_that_the_finger_is_clear(
+def test_a_contact_record_that_cannot_be_written_never_keeps_saying_lifted(
     settings: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any, **__: Any) -> None:
@@ -225,7 +227,7 @@ def bench(tmp_path: Path, settings: Config) -> FaultyBench:
     return found
 
 
-def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that_is_confirmed(
+def test_a_contact_left_by_a_killed_run_stays_on_record_until_a_confirmed_homing(
     bench: FaultyBench, settings: Config, tmp_path: Path
 ) -> None:
     class Killed(BaseException):
@@ -247,7 +249,7 @@ def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that
     bench.journal.close()
 
 
-def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_clears_it(
+def test_a_step_down_is_recorded_before_it_moves_and_a_confirmed_step_up_clears_the_record(
     bench: FaultyBench, settings: Config
 ) -> None:
     memory, kept, engine = BenchMemory(settings), list[tuple[str, bool]](), bench.engine
@@ -273,7 +275,9 @@ def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_cl
 # --- what the engine does of it ---
 
 
-def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_engine_sets_the_lowest_z_of_the_stage_from_each_place_and_touch(
+    bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From homing on; at each place; at most DOI and an increment below what was touched. Only when it changes."""
     told, at_rest = list[float](), list[bool]()
 

@@ -27,7 +27,7 @@ def _moved(mm: tuple[float, ...], axis: int, by_mm: float) -> tuple[float, ...]:
 
 
 @given(places, places, shares, speeds, st.floats(0.0, 60.0), st.floats(-TOLERANCE_MM, TOLERANCE_MM))
-def test_on_the_way_and_in_time_nothing_has_strayed(
+def test_a_stage_on_its_path_and_within_time_has_not_strayed(
     start: tuple[float, ...], target: tuple[float, ...], share: float, speed: float, late_s: float, off_mm: float
 ) -> None:
     corridor = Corridor(start, target, speed, 100.0, TOLERANCE_MM)
@@ -38,7 +38,7 @@ def test_on_the_way_and_in_time_nothing_has_strayed(
 
 
 @given(places, places, st.integers(0, 2), st.floats(2 * TOLERANCE_MM, 40.0), st.booleans(), speeds)
-def test_beyond_either_end_of_any_axis_it_has(
+def test_a_stage_beyond_either_end_of_its_path_has_strayed(
     start: tuple[float, ...], target: tuple[float, ...], axis: int, by_mm: float, up: bool, speed: float
 ) -> None:
     """However long it takes; a motion of another axis is no excuse."""
@@ -52,7 +52,7 @@ def test_beyond_either_end_of_any_axis_it_has(
 
 
 @given(places, st.integers(0, 2), st.floats(0.1, 40.0), speeds, st.floats(0.0, 0.9))
-def test_farther_than_its_speed_allows_it_has(
+def test_a_stage_farther_along_than_its_speed_allows_has_strayed(
     start: tuple[float, ...], axis: int, by_mm: float, speed: float, share: float
 ) -> None:
     corridor = Corridor(start, _moved(start, axis, -by_mm), speed, 5.0, TOLERANCE_MM)
@@ -67,7 +67,9 @@ def test_farther_than_its_speed_allows_it_has(
     (-3.0, -2.796, False), (-3.0, -2.794, True),  # up, twice the backlash farther
     (-5.0, -5.004, False), (-5.0, -5.006, True),  # down, where none is taken up
 ])  # fmt: skip
-def test_backlash_is_taken_up_in_the_positive_direction_alone(to_mm: float, at_mm: float, strayed: bool) -> None:
+def test_backlash_compensation_widens_the_corridor_in_the_positive_direction_only(
+    to_mm: float, at_mm: float, strayed: bool
+) -> None:
     corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, to_mm), 5.0, 0.0, TOLERANCE_MM, (0.0, 0.0, 0.2))
     assert (corridor.strayed(_at((0.0, 0.0, at_mm)), 60.0) is not None) is strayed
 
@@ -89,7 +91,7 @@ INSIDE, OUTSIDE = _at((0.0, 0.0, -3.5)), _at((0.0, 0.0, -7.5))
 @pytest.mark.parametrize(("first", "again", "times", "strays"), [
     (INSIDE, OUTSIDE, 0, False), (OUTSIDE, INSIDE, 1, False), (OUTSIDE, OUTSIDE, 1, True),
 ])  # fmt: skip
-def test_one_garbled_report_is_cleared_by_asking_once_more_at_once(
+def test_a_single_stray_position_is_queried_again_before_it_counts(
     first: StageStatus, again: StageStatus, times: int, strays: bool
 ) -> None:
     stage, clock = Asked(again), VirtualClock(0.0, 100.0)
@@ -104,6 +106,6 @@ def test_one_garbled_report_is_cleared_by_asking_once_more_at_once(
     assert stage.times == times
 
 
-def test_a_report_that_is_no_number_has_strayed() -> None:
+def test_a_position_report_of_nan_counts_as_strayed() -> None:
     corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, -3.0), 5.0, 90.0, TOLERANCE_MM)
     assert corridor.strayed(_at((0.0, 0.0, math.nan)), 100.0)

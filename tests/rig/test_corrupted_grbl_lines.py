@@ -170,9 +170,7 @@ def _wrong(motion: Motion, wire: Faulty, end: str) -> str:
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("direction", ["tx", "rx"])
 @pytest.mark.parametrize("share", EACH)
-def test_whatever_becomes_of_one_message_nothing_goes_down_or_aside(
-    name: str, direction: Direction, share: str
-) -> None:
+def test_no_corrupted_grbl_line_moves_the_stage_down_or_sideways(name: str, direction: Direction, share: str) -> None:
     motion = MOTIONS[name]
     faultless, end = _made(motion)
     assert (end, _wrong(motion, faultless, end)) == ("arrived", "")

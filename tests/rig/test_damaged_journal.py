@@ -104,7 +104,9 @@ PLACES = ("indentation_start", "sample", "touch", "hold_end", "indentation_end")
     ("what", "place"),
     [*((what, "touch") for what in SPOILS), *(("one digit changed", place) for place in PLACES if place != "touch")],
 )
-def test_a_damaged_press_is_left_out_and_the_others_stay(folder: Path, what: str, place: str) -> None:
+def test_reading_a_damaged_journal_omits_the_damaged_press_and_keeps_the_others(
+    folder: Path, what: str, place: str
+) -> None:
     lines = _lines(folder)
     SPOILS[what](lines, n := _number(lines, place, 1))
     (folder / "events.jsonl").write_bytes(b"".join(lines))
@@ -140,7 +142,7 @@ def test_a_damaged_journal_says_how_many_presses_can_be_read(
     assert left in summary_of(read_run(folder, only=LISTED)).damage
 
 
-def test_the_checksum_of_each_line_fits_it_alone(folder: Path) -> None:
+def test_the_checksum_of_each_journal_line_detects_any_changed_bit(folder: Path) -> None:
     lines = _lines(folder)
     assert all(fits(line.rstrip(b"\n")) for line in lines)
     assert [json.loads(line)["seq"] for line in lines] == list(range(len(lines)))
@@ -236,7 +238,7 @@ def test_every_command_that_reads_a_run_says_what_cannot_be_verified(
 
 @pytest.mark.parametrize("options", [(), ("--table", "all.csv"), ("--json",)])
 @pytest.mark.parametrize("what", ["dropped", "one digit changed", "not a document", "saved with other line ends"])
-def test_a_list_of_runs_names_their_damage(
+def test_rig_runs_names_the_damage_of_each_journal(
     program: Program, folder: Path, tmp_path: Path, what: str, options: tuple[str, ...]
 ) -> None:
     """Also the second time, when it comes from the index."""
@@ -256,7 +258,7 @@ def test_a_list_of_runs_names_their_damage(
 
 
 @pytest.mark.parametrize("spoil", [_changed_bit, lambda lines, n: lines.pop(n)])
-def test_a_damaged_first_line_is_not_resumed_and_nothing_is_written(
+def test_a_run_with_a_damaged_first_line_is_not_resumed_and_its_journal_stays_as_it_was(
     program: Program, folder: Path, spoil: Spoil
 ) -> None:
     lines = _lines(folder)[:-3]
@@ -269,7 +271,7 @@ def test_a_damaged_first_line_is_not_resumed_and_nothing_is_written(
     assert _lines(folder) == lines
 
 
-def test_a_soft_trip_changed_in_the_first_line_is_noticed(program: Program, folder: Path) -> None:
+def test_a_soft_trip_changed_in_the_start_document_is_refused(program: Program, folder: Path) -> None:
     """One wrong bit: 0.02 → 1.02 N."""
     lines = _lines(folder)[:-3]
     start = json.loads(lines[0])
@@ -301,7 +303,7 @@ def test_a_journal_of_0_2_is_resumed_only_with_the_soft_trip_of_its_plan(program
     assert (run.missing, run.repeated, run.complete) == (0, 0, True)
 
 
-def test_a_journal_goes_on_with_the_next_number(folder: Path) -> None:
+def test_an_appended_journal_line_continues_the_sequence_numbers(folder: Path) -> None:
     path, count = folder / "events.jsonl", len(_lines(folder))
     assert mend_journal(path) == count
     add_to_end(path, {"stopped_while": "reporting"}, 1.0)
@@ -330,7 +332,7 @@ KEYS = ("index", "t_s", "data", "indentor", "doc")
 
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("command", [("export", "--report"), ("resume",)])
-def test_one_changed_key_of_an_unchecked_journal_is_one_line(
+def test_one_changed_key_of_a_journal_without_checksums_gives_one_line_of_error(
     program: Program, folder: Path, key: str, command: tuple[str, ...]
 ) -> None:
     text = _as_of_0_2(_lines(folder)).decode().replace(f'"{key}"', f'"{key}_"')
@@ -346,7 +348,7 @@ def test_one_changed_key_of_an_unchecked_journal_is_one_line(
 # --- the disk, and files that fail ---
 
 
-def test_a_run_that_the_disk_cannot_hold_is_refused_before_it_begins(
+def test_a_run_that_the_disk_cannot_hold_is_refused_before_anything_moves(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = tmp_path / "three.py"
@@ -374,7 +376,7 @@ AFTER_THE_LAST_MOTION = {
     ("failure", "trips"),
     [(RuntimeError("no usable backend"), True), (MemoryError(), False), (OSError(errno.ENOSPC, "full"), True)],
 )
-def test_what_fails_after_the_last_motion_never_replaces_the_ending(
+def test_a_failure_after_the_last_motion_never_replaces_the_reason_a_run_ended(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, failure: Exception, trips: bool
 ) -> None:
     script = tmp_path / "three.py"

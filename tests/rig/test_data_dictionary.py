@@ -43,7 +43,7 @@ def run(spring: Callable[..., Any]) -> Run:
 # --- the dictionary ---
 
 
-def test_every_table_and_column_says_in_one_line_what_it_is() -> None:
+def test_every_table_and_column_has_a_description_of_one_line() -> None:
     columns = [column for found in described_tables().values() for column in found]
     for words in (*(one.what for one in columns), *map(about_table, described_tables()), *ATTRIBUTES.values()):
         assert re.fullmatch(r"[^\n|]{5,110}(?<![.])", words), words
@@ -56,7 +56,7 @@ def rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
-def test_every_table_of_a_press_ends_with_what_was_pressed_and_why(run: Run) -> None:
+def test_every_press_table_ends_with_shape_target_and_condition(run: Run) -> None:
     export_run(run)
     for stream in run.units:
         found, of_a_press = rows(run.folder.path / f"{stream}.csv"), stream.endswith(tuple(PRESS_STREAMS))
@@ -75,7 +75,7 @@ def test_every_table_of_a_press_ends_with_what_was_pressed_and_why(run: Run) -> 
             assert told == expected, (stream, row)
 
 
-def test_what_was_begun_anew_has_the_marks_of_its_press(run: Run) -> None:
+def test_superseded_rows_keep_condition_and_target_of_their_press(run: Run) -> None:
     touch = run.stream("touch")
     again = replace(run, superseded={"touch": touch[:1], "indentation_start": run.stream("indentation_start")[:1]})
     (row,) = tables(again)["touch_superseded"].rows
@@ -84,7 +84,7 @@ def test_what_was_begun_anew_has_the_marks_of_its_press(run: Run) -> None:
     assert [row.get("condition") for row in tables(only)["touch"].rows] == ["near", None]
 
 
-def test_every_dataset_has_its_unit_its_meaning_and_its_type(run: Run) -> None:
+def test_every_hdf5_dataset_has_its_unit_description_and_type(run: Run) -> None:
     export_run(run)
     kinds = {"float64": "f", "bool": "b", "text (UTF-8)": "O"}
     with h5py.File(run.folder.data) as file:
@@ -105,7 +105,7 @@ def test_every_dataset_has_its_unit_its_meaning_and_its_type(run: Run) -> None:
 # --- one row for each press ---
 
 
-def test_a_press_has_one_row_with_what_was_asked_and_what_its_last_hold_delivered(run: Run) -> None:
+def test_the_presses_table_has_one_row_a_press_with_target_and_last_hold(run: Run) -> None:
     export_run(run)
     to_depth, to_force = rows(run.folder.path / "presses.csv")
     first_end, last_end, other_end = run.stream("hold_end")[:3]
@@ -125,7 +125,7 @@ def test_a_press_has_one_row_with_what_was_asked_and_what_its_last_hold_delivere
         assert file["presses/force_gwt"][:].tolist() == [last_end["force_gwt"], other_end["force_gwt"]]
 
 
-def test_an_interrupted_press_has_a_row_that_says_so_and_nothing_that_it_delivered(run: Run) -> None:
+def test_an_interrupted_press_has_a_row_marked_incomplete_without_results(run: Run) -> None:
     """Its first hold had ended, and the press was made again."""
     start, hold = run.stream("indentation_start")[0], run.stream("hold_end")[0]
     earlier = {"indentation_start": [{**start, "t_s": 1.0}], "hold_end": [{**hold, "t_s": 2.0}]}
@@ -140,7 +140,7 @@ def test_an_interrupted_press_has_a_row_that_says_so_and_nothing_that_it_deliver
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_the_lines_of_the_page_open_a_run(
+def test_the_python_code_on_the_data_page_opens_a_run(
     run: Run, number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)

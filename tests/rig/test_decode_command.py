@@ -90,7 +90,7 @@ def written(name: str, columns: dict[str, np.ndarray]) -> str:
 # --- pressures ---
 
 
-def test_the_worked_example(rig: Program) -> None:
+def test_decode_reproduces_the_worked_example_of_raju_6_7(rig: Program) -> None:
     """Raju (1998, §6.7): [20 14] from [10 10]; exact along each coordinate it arrives, on a grid of 1 it sticks."""
     found = rig(*WORKED, "--decoder", "univariate", "--json").json
     assert found["pressure_pseudo"] == pytest.approx([20, 14], abs=1e-3)
@@ -115,7 +115,7 @@ def test_the_worked_example(rig: Program) -> None:
     assert coarser["pressure_pseudo"] == [24, 9]
 
 
-def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
+def test_the_bayes_decoder_measures_the_noise_and_repeats_with_its_seed(rig: Program) -> None:
     options = ("decode", "--pressure", "20,14", "--half-length", 10, "--snr-db", 25)
     ended = rig(*options, "--seed", 5, "--json")
     found = ended.json
@@ -133,7 +133,7 @@ def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
     assert found["errors"]["relative_l2"] == pytest.approx(np.sqrt(found["errors"]["eq_6_8"]))
 
 
-def test_rates_are_read_back_through_the_receptor(rig: Program) -> None:
+def test_decode_recovers_pressures_from_rates_through_the_receptor(rig: Program) -> None:
     options = ("decode", "--pressure", "20,14", "--half-length", 10, "--snr-db", 30, "--noise", "output")
     threshold = 0.2 * max(rig("encode", *options[1:5], "--json").json["sed_pseudo"])
     found = rig(*options, "--gain", 1000, "--threshold", threshold, "--json").json
@@ -147,7 +147,7 @@ def test_rates_are_read_back_through_the_receptor(rig: Program) -> None:
     assert 0.3 < added.mean() / (0.05 * np.mean(found["pressure_pseudo"])) < 3  # half of the gain's own 10 %, about
 
 
-def test_influence_reads_back_normal_pressures(rig: Program) -> None:
+def test_decode_with_the_influence_operator_recovers_normal_pressures(rig: Program) -> None:
     options = ("decode", "--pressure", "20,14,5", "--operator", "influence", "--half-length", 10, "--json")
     found = rig(*options).json
     assert (found["operator"], found["samples"], len(found["pressure_pseudo"])) == ("influence", 21, 3)
@@ -158,7 +158,7 @@ def test_influence_reads_back_normal_pressures(rig: Program) -> None:
 # --- a press ---
 
 
-def test_a_press_is_felt_as_finite_elements_have_it(rig: Program) -> None:
+def test_decode_of_a_press_uses_the_sed_of_finite_elements(rig: Program) -> None:
     press = ("--shape", "cylinder:9", "--x-mm", 0.5, "--doi-mm", 0.4, "--half-length", 10, "--json")
     found = rig("decode", *press, "--operator", "influence").json
     assert (found["samples"], len(found["pressure_pseudo"])) == (21, 17)  # 0.8 of the half length
@@ -174,7 +174,9 @@ def test_a_press_is_felt_as_finite_elements_have_it(rig: Program) -> None:
 # --- readings ---
 
 
-def test_readings_at_any_places_in_any_order(rig: Program, section: ReceptorSection, felt: np.ndarray) -> None:
+def test_decode_takes_readings_at_any_places_in_any_order(
+    rig: Program, section: ReceptorSection, felt: np.ndarray
+) -> None:
     sd = noise_sd(felt, 30)
     noise = np.random.default_rng(2).normal(size=(2, 12)) * sd
     columns = {
@@ -207,7 +209,7 @@ def test_readings_at_any_places_in_any_order(rig: Program, section: ReceptorSect
     assert "1 pseudo-unit = 18.63 Pa" in rig("decode", "--readings", "x.csv").out
 
 
-def test_a_reading_that_is_known_badly_counts_little(
+def test_decode_gives_an_uncertain_reading_little_weight(
     rig: Program, section: ReceptorSection, felt: np.ndarray
 ) -> None:
     wrong, sd = felt.copy(), np.full(12, 0.01 * felt.max())
@@ -225,7 +227,7 @@ def test_a_reading_that_is_known_badly_counts_little(
 
 
 @pytest.mark.parametrize(("spacing", "receptors"), [(0.17, 25), (1.2, 5)])
-def test_however_far_apart_receptors_lie(rig: Program, spacing: float, receptors: int) -> None:
+def test_decode_locates_a_press_at_any_receptor_spacing(rig: Program, spacing: float, receptors: int) -> None:
     """1.2 mm: near the density of slowly adapting afferents."""
     place = spacing * (np.arange(receptors) - (receptors - 1) / 2)
     section = receptor_section(FingertipConfig(mesh=COARSE), place, np.full(receptors, 0.76))
@@ -242,7 +244,7 @@ def test_however_far_apart_receptors_lie(rig: Program, spacing: float, receptors
 # --- nothing goes wrong silently ---
 
 
-def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_decode_reports_a_search_cut_off_or_ended_at_its_range(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = rig(*TWO, "--start", "10,10", "--range", "0,15", "--decoder", "univariate", "--json").json
     assert narrow["problems_text"][0] == "2 of 2 pressures are at the upper end of the range, 15"
     monkeypatch.setattr(decoders_by_search, "MOST_SWEEPS", 3)
@@ -267,11 +269,13 @@ def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, mon
         (None, None, None),
     ],
 )
-def test_a_receptor_with_its_errors(gain: str | None, threshold: str | None, expected: FittedReceptor | None) -> None:
+def test_gain_and_threshold_options_are_read_with_their_errors(
+    gain: str | None, threshold: str | None, expected: FittedReceptor | None
+) -> None:
     assert receptor_of(gain, threshold) == expected
 
 
 @pytest.mark.parametrize("text", ["1.1e9", "3±1±1", "2±", "2+-nan", "2±-1", "inf", ""])
-def test_what_is_no_gain_is_refused(text: str) -> None:
+def test_a_gain_that_is_not_a_positive_number_is_refused(text: str) -> None:
     with pytest.raises(BadInputError, match="--gain"):
         receptor_of(text, "0")

@@ -64,7 +64,7 @@ def rig(
 # --- a row ---
 
 
-def test_a_row_is_decoded_under_the_shape_that_is_named_or_that_explains_it_best(
+def test_a_row_of_readings_is_decoded_under_the_named_or_the_best_axial_shape(
     rig: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = ("decode", "--readings", "r.csv", "--config", "row.toml", "--spacing-mm", "0.2")
@@ -113,7 +113,9 @@ def written(cells: Cells, order: np.ndarray | None = None) -> str:
     return str(FILE)
 
 
-def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sphere: Cells) -> None:
+def test_a_sheet_of_readings_gives_pressures_over_x_and_z_with_band_and_contact_extent(
+    rig: Program, sphere: Cells
+) -> None:
     shuffled = written(sphere, np.random.default_rng(1).permutation(49))
     ended = rig("decode", "--readings", shuffled, "--config", "sheet.toml", "--picture", "sheet.svg")
     assert ended.code == 0
@@ -153,7 +155,7 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
         (lambda c: c | {"x_mm": c["x_mm"] / 10}, "too_short"),
     ],
 )  # fmt: skip
-def test_what_is_no_sheet_is_one_line(
+def test_readings_that_form_no_sheet_are_refused_in_one_line(
     rig: Program, sphere: Cells, change: Callable[[Cells], Cells], code: str
 ) -> None:
     ended = rig("decode", "--readings", written(change(sphere)), "--config", "sheet.toml", "--json")
@@ -161,7 +163,7 @@ def test_what_is_no_sheet_is_one_line(
     assert ended.json["error_text"].startswith("--readings")
 
 
-def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells) -> None:
+def test_readings_at_the_same_x_and_another_z_belong_to_different_receptors(rig: Program, sphere: Cells) -> None:
     given = read_readings(Path(written(sphere)), FingertipConfig())
     assert given.z_mm is not None
     assert_allclose(given.place_mm, np.repeat(SIDE, 7), atol=1e-6)

@@ -67,7 +67,7 @@ class Drifted:
 
 
 @pytest.mark.parametrize("kind", ["grbl", "leadshine"])
-def test_a_step_up_is_not_taken_for_a_lift(kind: str) -> None:
+def test_a_drift_through_zero_after_a_step_up_is_not_recorded_as_a_lift(kind: str) -> None:
     for crossing_s in CROSSINGS_S:
         at_hand = Drifted(kind, 1.0, crossing_s)
         if at_hand.bench.step("z", 1.2).known.may_touch:
@@ -75,7 +75,7 @@ def test_a_step_up_is_not_taken_for_a_lift(kind: str) -> None:
         pytest.fail(f"the record says lifted, with the crossing {crossing_s:.2f} s after the jog began")
 
 
-def test_contact_that_is_asked_for_at_clearance_is_not_taken_for_a_lift() -> None:
+def test_a_drift_through_zero_at_clearance_is_not_reported_as_a_lift() -> None:
     """Nothing was below clearance since the last lift; a finger came up."""
     for crossing_s in CROSSINGS_S:
         at_hand = Drifted("grbl", 2.5, crossing_s, may_touch=False)
@@ -83,7 +83,7 @@ def test_contact_that_is_asked_for_at_clearance_is_not_taken_for_a_lift() -> Non
 
 
 @pytest.mark.parametrize("kind", ["grbl", "leadshine"])
-def test_by_hand_nothing_goes_sideways(kind: str) -> None:
+def test_manual_control_makes_no_step_sideways_in_contact_while_the_force_drifts_through_zero(kind: str) -> None:
     for crossing_s in CROSSINGS_S:
         assert Drifted(kind, 2.5, crossing_s).aside() < 0.003, f"{crossing_s:.2f} s"
 
@@ -97,7 +97,9 @@ def _leave(engine: Engine) -> None:
     rows=lambda stage: stage == "grbl"
 )  # the engine's; both stages: tests/rig/test_mechanical_faults.py
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_run_does_not_go_sideways(tmp_path: Path, stage: str) -> None:
+def test_a_run_makes_no_move_sideways_in_contact_while_the_force_drifts_through_zero(
+    tmp_path: Path, stage: str
+) -> None:
     """The motor stalls in a touch; then `retract` and `move_to`."""
     for n, crossing_s in enumerate(CROSSINGS_S):
         (tmp_path / str(n)).mkdir()
@@ -120,7 +122,7 @@ def test_a_run_does_not_go_sideways(tmp_path: Path, stage: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["grbl", "leadshine"])
-def test_a_touch_is_not_taken_for_zero(kind: str) -> None:
+def test_rig_zero_refuses_a_touch_whose_force_drifts_through_zero(kind: str) -> None:
     """`rig zero` refuses a load against the last zero on record."""
     for crossing_s in CROSSINGS_S:
         at_hand = Drifted(kind, 2.5, crossing_s).bench
@@ -166,7 +168,7 @@ def test_the_force_at_rest_is_two_readings_that_agree(
 
 
 @pytest.mark.parametrize("noise_gwt", [0.0, 0.02])
-def test_readings_that_never_agree_are_no_force_at_rest(noise_gwt: float) -> None:
+def test_readings_that_never_agree_give_no_force_at_rest(noise_gwt: float) -> None:
     """0.04 and −0.04 gwt in turn, half a second apart, both below a touch of 0.05 gwt; within a noise they agree."""
     sensing = _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04)
     sensing.zero = ForceZero(0.0, noise_gwt)
@@ -174,7 +176,7 @@ def test_readings_that_never_agree_are_no_force_at_rest(noise_gwt: float) -> Non
         assert sensing.at_rest_gwt() == pytest.approx(0.04)
 
 
-def test_a_force_that_does_not_settle_allows_no_way_aside() -> None:
+def test_a_force_that_does_not_settle_refuses_a_step_sideways() -> None:
     bench = StubBench()
     steps = Steps(bench.ready())
     bench.force.at_read = lambda: _unsteady(bench)
@@ -188,7 +190,7 @@ def _unsteady(bench: StubBench) -> None:
     bench.force.shows_gwt = -0.04 if bench.force.shows_gwt > 0 else 0.04
 
 
-def test_a_force_that_does_not_settle_is_not_zeroed() -> None:
+def test_rig_zero_refuses_a_force_that_does_not_settle() -> None:
     """The same two readings before `rig zero`: it names them, and the recorded zero stays."""
     bench = StubBench()
     BenchMemory(bench.settings).record_zero(ForceZero(0.0, 0.0))
@@ -200,7 +202,7 @@ def test_a_force_that_does_not_settle_is_not_zeroed() -> None:
     assert BenchMemory(bench.settings).read().zero == ForceZero(0.0, 0.0)
 
 
-def test_the_noise_of_a_good_sensor_is_no_drift() -> None:
+def test_the_measured_noise_of_a_sensor_does_not_count_as_drift() -> None:
     """Readings with a standard deviation of 0.02 gwt, measured at the zero: the threshold is 0.12 gwt then."""
     random = np.random.default_rng(20261126)
     sensing = _resting(lambda t_s: float(random.normal(0.0, 0.02)))

@@ -62,7 +62,9 @@ def _wire(run: Run) -> list[dict[str, Any]]:
 # --- one position ---
 
 
-def test_one_position_is_complete_and_within_tolerance(step: FinishedRun, finger: Fingertip) -> None:
+def test_a_dry_run_at_one_position_reaches_depth_place_and_model_force_within_tolerance(
+    step: FinishedRun, finger: Fingertip
+) -> None:
     assert step.complete
     assert step.indentations == 1
     assert step.problem is None
@@ -77,7 +79,7 @@ def test_one_position_is_complete_and_within_tolerance(step: FinishedRun, finger
     assert 15 < step.duration_s < 120
 
 
-def test_each_reading_was_on_the_wire_just_before_it_was_in_the_journal(step: FinishedRun) -> None:
+def test_each_journaled_reading_arrived_on_the_wire_just_before(step: FinishedRun) -> None:
     run = read_run(step.folder.path)
     weights = iter([c for c in _wire(run) if c["port"] == "force" and c["dir"] == "rx"])
     for sample in run.stream("sample"):
@@ -90,7 +92,7 @@ def test_each_reading_was_on_the_wire_just_before_it_was_in_the_journal(step: Fi
         assert last["t_s"] == pytest.approx(sample["t_s"], abs=1e-5)
 
 
-def test_the_report_needs_nothing_else(step: FinishedRun, finger: Fingertip) -> None:
+def test_the_report_page_loads_nothing_from_elsewhere(step: FinishedRun, finger: Fingertip) -> None:
     text = write_report(read_run(step.folder.path), finger, step.wall_s).read_text(encoding="utf-8")
     page = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
     outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!data:|\#)([^"')\s>]+)""", page)
@@ -112,7 +114,9 @@ def test_the_report_needs_nothing_else(step: FinishedRun, finger: Fingertip) -> 
     assert anchors <= set(re.findall(r'id="([^"]+)"', text))
 
 
-def test_two_dry_runs_are_the_same(step: FinishedRun, finger: Fingertip, tmp_path: Path) -> None:
+def test_two_dry_runs_of_a_script_give_the_same_journal_and_bytes(
+    step: FinishedRun, finger: Fingertip, tmp_path: Path
+) -> None:
     again = _run(tmp_path, finger, STEP)
 
     def timeless(done: FinishedRun) -> list[dict[str, Any]]:
@@ -128,7 +132,7 @@ def test_two_dry_runs_are_the_same(step: FinishedRun, finger: Fingertip, tmp_pat
 # --- a bench that is not as believed ---
 
 
-def test_a_wrong_screw_shows_in_depth_and_force_but_not_on_the_board(
+def test_a_wrong_screw_pitch_shows_in_true_depth_and_force_but_not_in_the_board_position(
     bar: Run, finger: Fingertip, tmp_path: Path
 ) -> None:
     """The vertical screw has 408 steps/mm where the board believes 400."""
@@ -166,7 +170,7 @@ def test_a_wrong_screw_shows_in_depth_and_force_but_not_on_the_board(
     assert hold["force_gwt"] < right["force_gwt"]
 
 
-def test_a_finger_higher_than_configured_is_found(bar: Run, finger: Fingertip, tmp_path: Path) -> None:
+def test_a_dry_run_finds_a_finger_higher_than_configured(bar: Run, finger: Fingertip, tmp_path: Path) -> None:
     offset_mm = 0.3
     run = read_run(_run(tmp_path, finger, BAR, virtual={"finger_z_offset_mm": offset_mm}).folder.path)
     found, was = run.stream("touch")[0], bar.stream("touch")[0]
@@ -181,7 +185,7 @@ def test_a_finger_higher_than_configured_is_found(bar: Run, finger: Fingertip, t
 # --- many holds, and an operator ---
 
 
-def test_every_phase_of_a_run_has_a_place_among_its_durations(bar: Run) -> None:
+def test_the_report_counts_the_duration_of_every_phase_of_a_run(bar: Run) -> None:
     """A reading that ended a motion among them: such a run has a report, too."""
     (start,) = bar.stream("sample")[:1]
     known = [phase for phase in get_args(Phase) if phase != "compliance"]

@@ -109,7 +109,7 @@ CONFIGURATIONS += [("leadshine", name, tables) for name, tables in _configuratio
     ("stage", "what", "tables"), CONFIGURATIONS, ids=[f"{stage}, {what}" for stage, what, _ in CONFIGURATIONS]
 )
 @pytest.mark.usefixtures("solved_once")
-def test_refused_by_the_plan_or_done(
+def test_a_verb_at_the_edge_of_travel_is_refused_by_the_plan_or_carried_out(
     finger: Fingertip, scripts: dict[str, Script], stage: str, what: str, tables: dict[str, Any]
 ) -> None:
     habits = {"clearance_mm": CLEARANCE_MM, "descent_step_mm": 5.0, "travel_speed_mm_s": 10.0}
@@ -137,7 +137,7 @@ def _ended(script: Script, config: Config, finger: Fingertip) -> str:
 
 
 @pytest.mark.parametrize("frame", [{"apex_z_mm": -39.6}, {"apex_z_mm": -1.0}, {"pad_centre_x_mm": 0.5}])
-def test_a_block_out_of_reach_is_refused_before_a_port_is_opened(
+def test_calibrating_compliance_on_a_block_beyond_the_travel_is_refused_before_a_port_opens(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -46,7 +46,7 @@ class Bench:
         return self.board._settings.listing()
 
 
-def test_the_floor_lies_the_fall_of_the_skin_a_search_and_the_deepest_press_below_the_apex() -> None:
+def test_the_lowest_z_of_the_stage_allows_skin_fall_search_and_deepest_press_below_the_apex() -> None:
     assert StageBounds(lowest_z_mm=-28.6, fastest_mm_s=5.0) == BOUNDS
     day = {"date": "2026-01-01", "expires": "2027-01-01"}
     given = {"calibration": {"compliance_mm_per_n": {"value": 0.1, **day}}}
@@ -57,7 +57,7 @@ def test_the_floor_lies_the_fall_of_the_skin_a_search_and_the_deepest_press_belo
     assert fast.bounds.fastest_mm_s == 8.0
 
 
-def test_settings_are_written_once_and_only_where_they_differ() -> None:
+def test_connecting_writes_only_the_board_settings_that_differ() -> None:
     bench = Bench()
     bench.stage.connect()
     assert bench.stored() == [b"$110=300\n", b"$111=300\n", b"$132=28.6\n"]
@@ -66,7 +66,7 @@ def test_settings_are_written_once_and_only_where_they_differ() -> None:
     assert bench.stored() == []
 
 
-def test_a_board_that_was_switched_on_jogs_up_without_soft_limits_until_it_is_homed() -> None:
+def test_an_unhomed_board_jogs_up_without_soft_limits_until_homing() -> None:
     """It believes that it is at the upper end of its travel, and would refuse."""
     bench = Bench()
     bench.stage.connect()
@@ -84,7 +84,7 @@ def test_a_board_that_was_switched_on_jogs_up_without_soft_limits_until_it_is_ho
     assert bench.stored() == [], "where homing ends the limits leave a way up"
 
 
-def test_soft_limits_that_a_killed_program_left_off_are_switched_on_by_the_next() -> None:
+def test_connecting_switches_on_soft_limits_that_a_killed_program_left_off() -> None:
     bench = Bench()
     bench.stage.connect()
     bench.stage.allow_unhomed_jogs()
@@ -93,13 +93,13 @@ def test_soft_limits_that_a_killed_program_left_off_are_switched_on_by_the_next(
     assert "$20=1" in bench.settings()
 
 
-def test_a_board_that_is_slower_is_never_made_faster() -> None:
+def test_connecting_never_raises_the_highest_speed_of_a_board() -> None:
     """Its motors may not be able to: they would lose steps, and say nothing."""
     board = {110: 120.0, 111: 300.0, 112: 301.0}
     assert enforced_settings(board, BOUNDS) == {112: 300.0, 20: 1, 132: 28.6}
 
 
-def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
+def test_the_board_refuses_motion_below_the_lowest_z_and_accepts_motion_to_it() -> None:
     bench = Bench()
     bench.stage.connect()
     bench.stage.home()
@@ -111,7 +111,7 @@ def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
     assert bench.board.carriage_steps_at(bench.clock.monotonic_s())[2] == pytest.approx(-28.6 * 400)
 
 
-def test_a_board_that_counts_from_where_homing_ends_homes_and_moves_as_any_other() -> None:
+def test_a_board_with_its_origin_where_homing_ends_moves_to_the_same_places() -> None:
     """Built with the option Z; its carriage is where it is told to be, from 1 mm below the switch."""
     bench = Bench()
     bench.board.homes_to_origin = True
@@ -133,7 +133,7 @@ def test_a_board_whose_z_homes_downwards_is_refused() -> None:
         Bench(_23=5).stage.connect()
 
 
-def test_whatever_becomes_of_a_setting_on_its_way_the_board_is_as_it_was_but_for_what_is_enforced() -> None:
+def test_no_corrupted_setting_line_changes_a_board_setting_that_is_not_enforced() -> None:
     """Every bit and byte of each; a line that changes another setting is found out, and that one put back."""
 
     def steps(stage: GrblStage) -> None:
@@ -156,7 +156,7 @@ def test_whatever_becomes_of_a_setting_on_its_way_the_board_is_as_it_was_but_for
             assert bench.settings() == wanted, instead
 
 
-def test_whatever_becomes_of_the_homing_line_only_a_stage_that_went_home_is_homed() -> None:
+def test_a_corrupted_homing_line_never_makes_a_stage_count_as_homed() -> None:
     """`$X`, which unlocks, is one bit from `$H`, and `$I` another: each is answered with `ok`."""
     homed, not_homed = 0, 0
     for instead in _instead(b"$H\n"):

@@ -45,7 +45,7 @@ def limit(name: str) -> tuple[Any, Any]:
         ("time touched in one run", "max_contact_s", "h", 3600),
     ],
 )
-def test_limits_are_those_of_the_program(row: str, name: str, unit: str, per: float) -> None:
+def test_the_ethics_page_states_the_limits_of_the_program(row: str, name: str, unit: str, per: float) -> None:
     (cells,) = [cells for cells in table("ethics.md", "how hard") if cells[0].startswith(row)]
     for cell, value in zip(cells[1:], limit(name), strict=True):
         number, _, rest = cell.partition(" ")
@@ -55,7 +55,7 @@ def test_limits_are_those_of_the_program(row: str, name: str, unit: str, per: fl
         assert said_n is None or float(said_n[1]) == pytest.approx(value * GWT_N, abs=0.05)
 
 
-def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
+def test_the_ethics_page_states_number_and_worst_force_of_the_fault_table() -> None:
     _, *rows = read_table("faults/one_fault")
     assert f"{len(rows)} faults of wires" in PAGE
     worst = max(float(cells[-1]) for cells in rows)
@@ -64,14 +64,14 @@ def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
     assert worst <= float(said[1]) < worst + 0.1
 
 
-def test_no_phase_is_worse_than_the_page_says() -> None:
+def test_the_ethics_page_states_the_worst_force_of_all_phases() -> None:
     _, *rows = read_table("faults/phases")
     forces = [float(cell.split()[0]) for cells in rows for cell in cells[1:]]
     assert f"{len(forces)} combinations" in PAGE
     assert 15.5 < max(forces) <= 16
 
 
-def test_shipped_protocols_stay_below_what_the_page_says() -> None:
+def test_the_ethics_page_states_the_peak_force_of_the_shipped_protocols() -> None:
     rows = table("validation/check.md", "## On a finger like the model")
     forces = [float(cell) for cells in rows for cell in cells[3].split(", ")]
     said = re.search(r"shipped protocols stay below ([\d.]+) gram-weight", PAGE)

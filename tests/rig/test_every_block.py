@@ -198,7 +198,7 @@ STUDIES = sorted(
 
 
 @pytest.mark.parametrize("command", STUDIES)
-def test_a_study_has_the_options_that_a_page_names(command: str) -> None:
+def test_every_study_has_the_options_that_a_page_names(command: str) -> None:
     module, *words = command.split()
     path = ROOT.joinpath(*module.split("."))
     source = (path / "__main__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
@@ -217,14 +217,14 @@ TO_RUN = {
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if not block.kind], ids=str)
-def test_every_command_is_run_or_excused(block: Block) -> None:
+def test_every_command_on_a_page_is_run_or_listed_as_not_run(block: Block) -> None:
     if block.first in NOT_RUN and not block.first.startswith(("rig ", "make ", "pip ", ".venv", "dask ")):
         return
     for line in _lines(block):
         assert line in NOT_RUN or _is_study(line) or line in TO_RUN[block.page], line
 
 
-def test_nothing_is_excused_that_is_not_shown() -> None:
+def test_every_block_listed_as_not_run_stands_on_a_page() -> None:
     shown = {block.first for block in BLOCKS} | {line for block in _blocks() for line in _lines(block)}
     assert not set(NOT_RUN) - shown
     assert {line for lines in NOT_FOLLOWED.values() for line in lines} <= set(NOT_RUN)
@@ -242,7 +242,7 @@ CHECKED: set[str] = set()
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if TO_RUN[page]], ids=lambda page: page.stem)
-def test_what_is_shown_runs(
+def test_the_commands_on_every_page_run(
     page: Path,
     program: Program,
     finger: Fingertip,
@@ -290,7 +290,7 @@ def _options(command: str) -> set[str]:
     }
 
 
-def test_every_command_and_option_that_is_named_is_there() -> None:
+def test_every_command_and_option_named_on_a_page_exists() -> None:
     for page in PAGES:
         if page.stem == "CHANGELOG":  # of versions that there were
             continue
@@ -317,7 +317,7 @@ READ_BY: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("toml")], ids=str)
-def test_a_table_can_be_read(block: Block, tmp_path: Path) -> None:
+def test_every_toml_block_on_a_page_can_be_loaded(block: Block, tmp_path: Path) -> None:
     path = tmp_path / "block.toml"
     drives = next(one.text for one in BLOCKS if 'kind = "leadshine"' in one.text)
     path.write_text((drives if 'output = "drive"' in block.text else "") + block.text, encoding="utf-8")
@@ -328,7 +328,7 @@ SHOWN_BY = {"data": "tests/rig/test_data_dictionary.py"}
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("python")], ids=str)
-def test_code_is_run_or_excused(
+def test_python_on_every_page_runs_or_is_excused(
     block: Block, program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

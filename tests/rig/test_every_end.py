@@ -167,7 +167,7 @@ def _written(folder: Path, end: End) -> list[str]:
 
 
 @pytest.mark.parametrize(("name", "as_json"), [*((name, True) for name in ENDS), ("the stage fails", False)])
-def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
+def test_every_early_ending_tells_position_and_resume_command(
     rig: Callable[..., Ended],
     striking: Callable[[Strike], pytest.MonkeyPatch],
     tmp_path: Path,
@@ -219,7 +219,7 @@ def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
     assert (complete, again.code) == ((True, 0) if end.again else (again.code == 0, again.code))
 
 
-def test_the_next_command_says_that_a_program_was_killed(
+def test_the_command_after_a_killed_run_warns_that_the_indentor_may_touch(
     rig: Callable[..., Ended], finger: Fingertip, tmp_path: Path
 ) -> None:
     """kill -9 in a press: where it was last known, and that it may be on the finger, which moves."""
@@ -292,7 +292,7 @@ def _struck_while_homing(
     return it, ended
 
 
-def test_one_ctrl_c_while_it_homes_ends_it_lifted(
+def test_one_ctrl_c_during_homing_ends_the_run_lifted(
     rig: Callable[..., Ended], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     it, ended = _struck_while_homing(rig, monkeypatch, _written(tmp_path, ENDS["Ctrl-C"]), 1.0, times=1)
@@ -314,7 +314,7 @@ def test_one_ctrl_c_while_it_homes_ends_it_lifted(
         ("leadshine", 3.0, True),
     ],
 )
-def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
+def test_a_second_ctrl_c_during_homing_leaves_nothing_moving(
     rig: Callable[..., Ended],
     striking: Callable[[Strike], pytest.MonkeyPatch],
     monkeypatch: pytest.MonkeyPatch,

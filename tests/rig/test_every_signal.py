@@ -149,7 +149,7 @@ def _none_is_left_alone(found: Mapping[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("command", PROTOCOLS)
-def test_no_signal_suspends_or_ends_a_protocol_that_moves(
+def test_every_command_that_runs_a_protocol_handles_every_signal(
     command: str, beside_a_script: Path, program: Program, request: pytest.FixtureRequest
 ) -> None:
     arguments = PROTOCOLS[command](program, beside_a_script)
@@ -160,7 +160,7 @@ def test_no_signal_suspends_or_ends_a_protocol_that_moves(
 
 
 @pytest.mark.parametrize("command", AT_THE_BENCH)
-def test_no_signal_suspends_or_ends_a_command_at_the_bench_that_moves_and_the_participants_key_stops_it(
+def test_every_bench_command_that_moves_handles_signals_and_the_participants_stop_key(
     command: str,
     served: Callable[..., ServedBench],
     program: Program,
@@ -200,7 +200,7 @@ def test_no_signal_suspends_or_ends_a_command_at_the_bench_that_moves_and_the_pa
 @pytest.mark.parametrize("command", ["dry-run", "run"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGTSTP", "SIGQUIT"])
 @pytest.mark.parametrize("times", [1, 2])
-def test_the_first_lifts_and_a_second_key_stops_at_once(
+def test_the_first_signal_lifts_and_the_second_stops_at_once(
     command: str, name: str, times: int, beside_a_script: Path, program: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without a terminal nobody can go on: it ends."""

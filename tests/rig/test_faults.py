@@ -16,7 +16,7 @@ from tests.faults.outcomes import suffer
 
 
 @pytest.mark.parametrize("fault", CATALOGUE, ids=lambda fault: fault.name)
-def test_a_fault_ends_as_the_catalogue_says(fault: Fault, tmp_path: Path) -> None:
+def test_every_fault_of_the_catalog_ends_as_listed_and_within_the_force_bound(fault: Fault, tmp_path: Path) -> None:
     """Never beyond the soft trip and the computed overshoot; what was journalled is whole lines."""
     found = suffer(fault, tmp_path)
     assert found.outcome == fault.outcome, found.ended_by
@@ -31,7 +31,7 @@ def test_a_fault_ends_as_the_catalogue_says(fault: Fault, tmp_path: Path) -> Non
     assert found.state in expected[fault.outcome]
 
 
-def test_every_fault_has_its_row() -> None:
+def test_every_fault_of_the_catalog_has_a_row_in_the_stored_table() -> None:
     _, *rows = read_table("faults/one_fault")
     assert [fault.name for fault in CATALOGUE] == [row[0] for row in rows]
 
@@ -45,7 +45,7 @@ def _cells() -> dict[str, dict[str, float]]:
     return {row[0]: dict(zip(head[1:], (float(cell.split()[0]) for cell in row[1:]), strict=True)) for row in rows}
 
 
-def test_the_table_is_whole_and_within_its_bounds() -> None:
+def test_the_stored_fault_table_covers_all_phases_and_stays_within_the_force_bounds() -> None:
     """A fault that shows stays below trip and overshoot; one that a single sensor cannot show, below depth."""
     cells = _cells()
     assert tuple(cells) == phases.PHASES
@@ -75,7 +75,9 @@ def _stays(phase: str, fault: str, documented_gwt: float) -> bool:
 
 @pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize(("phase", "fault", "documented_gwt"), _worst_cells())
-def test_the_worst_cell_of_each_phase(phase: str, fault: str, documented_gwt: float, tmp_path: Path) -> None:
+def test_the_worst_fault_of_each_phase_gives_the_documented_force(
+    phase: str, fault: str, documented_gwt: float, tmp_path: Path
+) -> None:
     assert phases.suffer(phase, fault, tmp_path).worst_gwt == pytest.approx(documented_gwt, abs=0.02)
 
 
@@ -94,7 +96,7 @@ def _felt_gwt(late_s: float) -> float:
     return 10.0 * replace(stopping, latency_s=stopping.latency_s + late_s).distance_mm ** 1.5
 
 
-def test_a_nearer_finger_feels_no_more_than_the_stopping_distance_where_anything_shows() -> None:
+def test_a_finger_that_came_nearer_is_pressed_no_deeper_than_the_stopping_distance() -> None:
     cells = _nearer()
     assert set(cells) == {(way, fault) for way in phases.WAYS_BACK for fault in (phases.NO_FAULT, *phases.FAULTS)}
     dead = ("frozen at 0", "frozen at its value")
@@ -115,14 +117,16 @@ def test_a_nearer_finger_feels_no_more_than_the_stopping_distance_where_anything
         ("in one move", "frozen at 0"),
     ],
 )
-def test_the_worst_cells_of_a_nearer_finger(way: str, fault: str, tmp_path: Path) -> None:
+def test_the_worst_faults_with_a_finger_that_came_nearer_give_the_documented_force(
+    way: str, fault: str, tmp_path: Path
+) -> None:
     cell = phases.come_nearer(way, fault, tmp_path)
     assert cell.worst_gwt == pytest.approx(_nearer()[way, fault], abs=0.02)
     assert cell.ended_by is not None
     assert cell.ended_by.code in ("contact_too_high", "no_contact")
 
 
-def test_another_stage_and_sensor_stop_in_time_too(tmp_path: Path) -> None:
+def test_a_leadshine_stage_with_a_laumas_sensor_stops_within_the_stopping_distance(tmp_path: Path) -> None:
     devices = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas"}}
     cell = phases.come_nearer("in one move", phases.NO_FAULT, tmp_path, devices)
     assert 0.05 <= cell.worst_gwt <= _felt_gwt(0.0)
@@ -131,7 +135,7 @@ def test_another_stage_and_sensor_stop_in_time_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("phase", ["touch", "press"])
-def test_a_sensor_that_dies_at_0_is_noticed_within_an_increment_or_two(phase: str, tmp_path: Path) -> None:
+def test_a_sensor_frozen_at_zero_is_detected_within_two_increments(phase: str, tmp_path: Path) -> None:
     """It used to go on to search_mm, 0.5 mm past the contact, and in a press to the deepest that is allowed."""
     cell = phases.suffer(phase, "frozen at 0", tmp_path)
     assert cell.worst_gwt < 10.0 * (0.11 + 0.05) ** 1.5

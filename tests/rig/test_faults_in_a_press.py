@@ -100,7 +100,7 @@ def _pressed_to_the_same_force(strike: Callable[[FaultyBench], object], tables: 
 
 
 @pytest.mark.parametrize("kind", HARMLESS)
-def test_one_wrong_message_now_and_then_ends_nothing(kind: str, tmp_path: Path) -> None:
+def test_a_press_survives_an_occasional_wrong_message(kind: str, tmp_path: Path) -> None:
     tables, changes = HARMLESS[kind]
     left, since = list(changes), [0]
 
@@ -180,7 +180,7 @@ def _struck(phase: str, answer: Callable[[FaultyBench, Now], None], now: Now) ->
 
 @everywhere
 @pytest.mark.parametrize("name", BUSY)
-def test_a_device_that_is_busy_now_and_then_ends_nothing(name: str, phase: str, tmp_path: Path) -> None:
+def test_a_press_survives_a_device_that_is_occasionally_busy(name: str, phase: str, tmp_path: Path) -> None:
     tables, answer = BUSY[name]
     asked = itertools.count()
 
@@ -193,7 +193,7 @@ def test_a_device_that_is_busy_now_and_then_ends_nothing(name: str, phase: str, 
 
 @everywhere
 @pytest.mark.parametrize("name", BUSY | NO_VALUE)
-def test_a_device_that_has_no_value_ends_a_press_and_is_no_reading(name: str, phase: str, tmp_path: Path) -> None:
+def test_a_device_without_a_value_ends_the_press(name: str, phase: str, tmp_path: Path) -> None:
     """Whether it stays busy or has a final answer; the force is no higher than without a reading."""
     tables, answer = (BUSY | NO_VALUE)[name]
     found = suffer(Fault("no value", "", "", _struck(phase, answer, lambda: True), tables), tmp_path)
@@ -214,13 +214,13 @@ def _late_in_pieces(bench: FaultyBench) -> None:
 
 
 @pytest.mark.parametrize("kind", ["tmcl", "net_ft"])
-def test_replies_that_come_late_and_in_pieces_end_nothing(kind: str, tmp_path: Path) -> None:
+def test_a_press_survives_replies_that_come_late_and_in_pieces(kind: str, tmp_path: Path) -> None:
     found = suffer(Fault("late", "done", "", _in_press(_late_in_pieces), HARMLESS[kind][0]), tmp_path)
     assert (found.outcome, found.ended_by) == ("done", None)
     assert found.worst_gwt <= bound_gwt()
 
 
-def test_half_a_command_of_a_stranger_ends_nothing(tmp_path: Path) -> None:
+def test_a_press_survives_half_a_command_from_another_program(tmp_path: Path) -> None:
     """A Standa controller takes the next one for its end."""
     _pressed_to_the_same_force(_in_press(lambda b: b.stage_line.host_write(b"move\x01\x00")), STANDA, tmp_path)
 
@@ -266,7 +266,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_in_a_press_ends_it(name: str, tmp_path: Path) -> None:
+def test_a_device_fault_in_a_press_ends_it_with_its_code_within_the_force_bound(name: str, tmp_path: Path) -> None:
     fault = FAULTS[name]
     found = suffer(fault, tmp_path)
     assert found.ended_by is not None
@@ -279,7 +279,7 @@ def test_a_fault_in_a_press_ends_it(name: str, tmp_path: Path) -> None:
 # --- what a Net F/T journals ---
 
 
-def test_the_journal_has_all_axes_and_the_counts_of_packets(tmp_path: Path) -> None:
+def test_the_journal_of_a_net_ft_sensor_has_all_axes_and_packet_counts(tmp_path: Path) -> None:
     _pressed_to_the_same_force(lambda bench: None, NET_FT, tmp_path)
     events = _events(tmp_path)
     keys = set(find(ForceKind, "net_ft").also)

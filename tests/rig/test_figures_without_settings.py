@@ -22,7 +22,7 @@ SETTINGS: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_a_figure_does_not_follow_the_settings_of_the_user(name: str) -> None:
+def test_a_figure_ignores_the_matplotlib_settings_of_the_user(name: str) -> None:
     plain = Plot((3, 2), PANELS).svg
     with mpl.rc_context(SETTINGS[name]):  # type: ignore[arg-type]
         of_the_user = dict(mpl.rcParams)
@@ -51,7 +51,7 @@ sys.stdout.write(Plot((3, 2), PANELS).svg)
         ("TeX", "home"),
     ],
 )
-def test_a_program_starts_whatever_the_settings_of_matplotlib_are(name: str, where: str, tmp_path: Path) -> None:
+def test_the_program_starts_with_any_matplotlib_settings(name: str, where: str, tmp_path: Path) -> None:
     env = {**os.environ, **ENVIRONMENTS[name], "PYTHONPATH": str(Path(__file__).parents[2])}
     if (text := env.get("MATPLOTLIBRC")) is not None:
         file = tmp_path / "matplotlibrc"

@@ -87,7 +87,7 @@ MOVED, TURNED = (0.4, -0.15, 0.3, 0.0, 0.0), (0.2, 0.1, -0.3, 3.0, -2.0)
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
 
 
-def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre(
+def test_exact_touches_give_the_finger_frame_within_a_fraction_of_a_micrometer(
     finger: Fingertip, above: Above
 ) -> None:
     lie = _found(finger, above, WIDE, TURNED)
@@ -105,7 +105,7 @@ def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre
 
 
 @pytest.mark.parametrize("indentor", ["sphere:0.8", "sphere:r=0.8", "sphere:d=1.6"])
-def test_a_small_sphere_will_do_however_its_size_is_written(finger: Fingertip, indentor: str) -> None:
+def test_find_accepts_a_small_sphere_given_by_radius_or_diameter(finger: Fingertip, indentor: str) -> None:
     plane, apex = finger.config.receptor_plane_mm, finger.apex_height_mm
     heights = [finger.touch_height_mm("sphere:0.8", x, z_mm=plane + a) - apex for x, a in WIDE]
     lie = find(_run(WIDE, heights, indentor), Config(), finger)
@@ -116,7 +116,7 @@ def test_a_small_sphere_will_do_however_its_size_is_written(finger: Fingertip, i
 @pytest.mark.quick(rows=lambda off_mm, places, free: (places is WIDE) is (off_mm > 0))
 @pytest.mark.parametrize("off_mm", [0.0, 0.006], ids=["exact", "off by 6 µm"])
 @pytest.mark.parametrize(("places", "free"), [(WIDE, [0, 1, 2, 3, 4]), (ACROSS, [0, 1, 3])], ids=["wide", "across"])
-def test_what_is_stated_is_the_covariance_of_a_least_squares_fit(
+def test_the_stated_uncertainty_of_a_found_frame_is_that_of_a_least_squares_fit(
     finger: Fingertip, above: Above, places: Places, free: list[int], off_mm: float
 ) -> None:
     """s² (JᵀJ)⁻¹ with s of what is left over, 3 µm at least; twice what is stated holds 95 % by Student's t."""
@@ -137,7 +137,9 @@ def test_what_is_stated_is_the_covariance_of_a_least_squares_fit(
         assert lie.correlation == pytest.approx(covariance / np.outer(sd, sd), abs=0.05)
 
 
-def test_the_frame_that_was_is_what_the_finger_moved_from(finger: Fingertip, above: Above) -> None:
+def test_find_corrects_the_position_of_the_configured_frame_and_replaces_its_rotation(
+    finger: Fingertip, above: Above
+) -> None:
     """Place and height are corrected; a turn of the configured frame is not in the touches, and is told anew."""
     frame = {"pad_centre_x_mm": -20.0, "apex_z_mm": -12.0, "pad_y_mm": -9.0, "roll_deg": 5.0, "tilt_deg": 2.0}
     moved = MOVED
@@ -158,7 +160,7 @@ def test_the_frame_that_was_is_what_the_finger_moved_from(finger: Fingertip, abo
     ],
     ids=["4 across", "5 across", "6 over the pad", "13 at one x"],
 )
-def test_two_touches_more_than_unknowns_at_several_x(
+def test_find_needs_two_touches_more_than_unknowns(
     finger: Fingertip, above: Above, places: Places, enough: bool
 ) -> None:
     run = _run(places, _heights(above, places, (0.0,) * 5))
@@ -170,16 +172,14 @@ def test_two_touches_more_than_unknowns_at_several_x(
 
 
 @pytest.mark.parametrize("indentors", [[], ["bar:3.0"], ["sphere:2", "sphere:3"], ["flat:2"]], ids=str)
-def test_touches_of_anything_but_one_sphere_are_refused(finger: Fingertip, indentors: list[str]) -> None:
+def test_find_refuses_touches_made_with_anything_but_one_sphere(finger: Fingertip, indentors: list[str]) -> None:
     runs = [_run([(0.0, 0.0)] * 9, [0.0] * 9, indentor).stream("find") for indentor in indentors]
     run = SimpleNamespace(stream=lambda name: [e for r in runs for e in r], folder=SimpleNamespace(path="here"))
     with raises(BadInputError, "not_one_sphere", path="here"):
         find(run, Config(), finger)
 
 
-def test_touches_on_the_flank_of_the_finger_count_and_one_beside_it_is_no_error(
-    finger: Fingertip, above: Above
-) -> None:
+def test_find_uses_touches_on_the_flank_and_tolerates_one_beside_the_finger(finger: Fingertip, above: Above) -> None:
     """At x = ± 5 the skin is steep; at 40 there is none, and a sphere its radius below the apex is not off."""
     moved = (0.0,) * 5
     places = [*WIDE, (-5.0, 0.0), (5.0, 0.0)]
@@ -192,7 +192,7 @@ def test_touches_on_the_flank_of_the_finger_count_and_one_beside_it_is_no_error(
 # --- on the virtual bench ---
 
 
-def test_the_finger_is_found_by_touching_it(finger: Fingertip, tmp_path: Path) -> None:
+def test_find_locates_a_displaced_and_rotated_finger_by_nine_touches(finger: Fingertip, tmp_path: Path) -> None:
     """Off-centre and turned, over the wire: nine touches; their bias is in the residual."""
     virtual = {
         "finger_x_offset_mm": TRUTH["pad_centre_x_mm"],
@@ -224,7 +224,7 @@ def test_the_finger_is_found_by_touching_it(finger: Fingertip, tmp_path: Path) -
 # --- the turned finger itself ---
 
 
-def test_a_turn_by_hand() -> None:
+def test_a_rotation_by_90_degrees_maps_a_pose_as_calculated_on_paper() -> None:
     """Roll 90°: +x of the machine is −y of the finger, its +y is +x. A sphere over the apex lies beside it."""
     seen = Turn(roll_deg=90.0).seen_from_finger(Pose(0.0, 1.0, 0.5), 2.0)
     assert (seen.x_mm, seen.above_apex_mm, seen.along_mm) == pytest.approx((3.0, -2.0, 0.5))

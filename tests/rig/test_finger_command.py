@@ -45,7 +45,7 @@ def configure(geometry: str, **files: str) -> Path:
     return path
 
 
-def test_the_synthetic_larger_finger_as_json(finger_command: Finger) -> None:
+def test_rig_finger_json_describes_skin_layers_and_mesh_of_the_larger_example_finger(finger_command: Finger) -> None:
     # 1.2 times the default finger: apex (−0.169, 5.824, 8.415), radii 4.308 and 4.072 mm.
     code, out, err = finger_command("--config", EXAMPLES / "points.toml", "--json")
     assert (code, err, out.count("\n")) == (0, "", 1)
@@ -66,7 +66,7 @@ def test_the_synthetic_larger_finger_as_json(finger_command: Finger) -> None:
     assert quality["largest_aspect_ratio_at_mm"][2] > 14  # the tip
 
 
-def test_the_synthetic_sections(finger_command: Finger) -> None:
+def test_rig_finger_reads_a_finger_given_by_sections(finger_command: Finger) -> None:
     code, out, _ = finger_command("--config", EXAMPLES / "sections.toml", "--json")
     found = json.loads(out)
     assert code == 0
@@ -74,7 +74,7 @@ def test_the_synthetic_sections(finger_command: Finger) -> None:
     assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
 
 
-def test_a_path_is_relative_to_the_configuration(finger_command: Finger) -> None:
+def test_the_path_of_a_points_file_is_relative_to_the_configuration_file(finger_command: Finger) -> None:
     path = configure('points = "mine.csv"', mine=POINTS)
     assert finger_command("--config", path)[0] == 0
     config = load_config(path)
@@ -84,7 +84,7 @@ def test_a_path_is_relative_to_the_configuration(finger_command: Finger) -> None
     assert load_config(written) == config  # a run's own copy holds the numbers
 
 
-def test_the_mesh_as_a_file(finger_command: Finger) -> None:
+def test_rig_finger_writes_the_mesh_as_vtk_and_overwrites_no_file(finger_command: Finger) -> None:
     code, out, _ = finger_command("--vtk", "mesh.vtk", "--json")
     assert code == 0
     text = Path("mesh.vtk").read_text(encoding="ascii")
@@ -93,7 +93,7 @@ def test_the_mesh_as_a_file(finger_command: Finger) -> None:
     assert (code, json.loads(out)["code"]) == (2, "exists_already")
 
 
-def test_doubts_are_said_and_are_no_errors(finger_command: Finger) -> None:
+def test_rig_finger_warns_of_a_point_that_does_not_fit_the_skin(finger_command: Finger) -> None:
     lines = POINTS.splitlines()
     lines[10] = "0.098,5.839,6.893"  # a slip of 1 mm
     code, _, err = finger_command("--config", configure('points = "mine.csv"', mine="\n".join(lines)))
@@ -102,7 +102,9 @@ def test_doubts_are_said_and_are_no_errors(finger_command: Finger) -> None:
     assert "(0.10, 5.84, 6.89) mm" in err
 
 
-def test_a_folded_element_is_refused_by_name(finger_command: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rig_finger_refuses_a_mesh_with_a_folded_element(
+    finger_command: Finger, monkeypatch: pytest.MonkeyPatch
+) -> None:
     place = mesh_module.nodes_on_rays
 
     def with_a_fold(*arguments: object) -> tuple[Any, Any]:

@@ -107,7 +107,7 @@ def test_no_step_sideways_begins_on_a_finger_that_came_up_after_the_lift(kind: s
 @pytest.mark.parametrize("for_s", [0.3, math.inf], ids=["pulse", "stays"])
 @pytest.mark.parametrize("after_s", AFTER_S)
 @pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
-def test_a_finger_that_comes_up_in_a_step_sideways_ends_it_and_is_lifted_off(
+def test_a_finger_that_comes_up_during_a_step_sideways_ends_the_step_and_is_lifted_off(
     kind: str, axis: str, up_mm: float, for_s: float, after_s: float, known: bool
 ) -> None:
     """In the measurement before it, or under way."""
@@ -149,7 +149,7 @@ def test_a_second_finger_beside_the_first_ends_a_step_sideways(
 @pytest.mark.quick(rows=lambda kind, up_mm: in_square([*STAGES].index(kind), UPS_MM.index(up_mm)))
 @pytest.mark.parametrize("kind", STAGES)
 @pytest.mark.parametrize("up_mm", UPS_MM)
-def test_the_panel_says_lifted_only_while_no_force_is_read(kind: str, up_mm: float) -> None:
+def test_the_panel_says_lifted_only_while_the_sensor_reads_no_force(kind: str, up_mm: float) -> None:
     """Also in a motion and in a zero; no longer than a sample is under way."""
     bench = HandBench(kind, above_mm=CLEARANCE_MM, zero=ZERO, lifted=True, spring=Finger, soft_trip_n=TRIP_N)
     finger, said = bench.spring, list[str]()
@@ -220,7 +220,7 @@ def test_status_and_doctor_measure_contact_now(
 
 
 @pytest.mark.parametrize("why", ["moved since", "no zero", "another sensor", "no force", "owned"])
-def test_status_says_when_contact_was_last_measured_where_it_cannot_measure(
+def test_status_without_a_measurement_states_when_contact_was_last_measured(
     why: str, looked_at: Callable[[HandBench], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = HandBench("grbl", above_mm=CLEARANCE_MM, zero=None if why == "no zero" else ZERO, lifted=True)
@@ -256,7 +256,7 @@ def test_status_says_when_contact_was_last_measured_where_it_cannot_measure(
 @pytest.mark.parametrize("kind", STAGES)
 @pytest.mark.parametrize("up_mm", UPS_MM)
 @pytest.mark.parametrize("at_s", [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
-def test_a_finger_that_comes_up_in_a_zero_is_not_zeroed_away(kind: str, up_mm: float, at_s: float) -> None:
+def test_a_zero_during_which_a_finger_comes_up_never_hides_a_touch(kind: str, up_mm: float, at_s: float) -> None:
     """It came up before, at any instant of it, or in the lift; what is then zero is less than a touch."""
     bench = HandBench(kind, above_mm=CLEARANCE_MM, spring=Finger)
     finger = bench.spring
@@ -279,7 +279,9 @@ def test_a_finger_that_comes_up_in_a_zero_is_not_zeroed_away(kind: str, up_mm: f
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("placed", [True, False])
-def test_a_zero_lifts_by_three_tenths_of_a_millimetre_and_stays_there(kind: str, placed: bool) -> None:
+def test_a_zero_lifts_the_indentor_by_three_tenths_of_a_millimeter_and_leaves_it_there(
+    kind: str, placed: bool
+) -> None:
     bench = HandBench(kind, above_mm=CLEARANCE_MM, known=placed)
     found = bench.run(bench.do("zero"))
     assert (found["ended_by"], found["zeroed"], found["homed"]) == (None, True, placed)
@@ -292,7 +294,7 @@ def test_a_zero_lifts_by_three_tenths_of_a_millimetre_and_stays_there(kind: str,
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_at_the_top_of_the_travel_a_zero_goes_down_first_to_make_room(kind: str) -> None:
+def test_a_zero_at_the_top_of_the_travel_moves_down_first(kind: str) -> None:
     bench = HandBench(kind, above_mm=CLEARANCE_MM)
 
     def person() -> Person:
@@ -306,7 +308,7 @@ def test_at_the_top_of_the_travel_a_zero_goes_down_first_to_make_room(kind: str)
     assert top_mm[0] - 0.03 <= bench.height_mm <= top_mm[0] + 0.31
 
 
-def test_a_zero_anyway_moves_nothing_and_still_refuses_scatter() -> None:
+def test_a_zero_with_anyway_moves_nothing_and_refuses_scattered_readings() -> None:
     bench = HandBench("grbl", above_mm=CLEARANCE_MM, zero=ZERO, spring=Finger)
     bench.spring.skin_mm, finger = 2.3, bench.spring
     assert isinstance(finger, Finger)

@@ -73,7 +73,7 @@ for words in json.loads(sys.argv[1]):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
-def test_a_command_waits_for_no_library_that_it_does_not_use(tmp_path: Path) -> None:
+def test_a_command_imports_no_library_that_the_command_does_not_use(tmp_path: Path) -> None:
     """Each command is carried out where nothing but the command line has been imported."""
     shutil.copytree(OLD_RUN, tmp_path / "run")
     asked = [sys.executable, "-c", ASKED, json.dumps(list(IMPORTS))]
@@ -86,14 +86,14 @@ def test_a_command_waits_for_no_library_that_it_does_not_use(tmp_path: Path) -> 
         assert imported[words] & unneeded == set(), words
 
 
-def test_an_error_is_known_under_the_name_of_its_class() -> None:
+def test_every_error_named_by_its_import_path_exists_under_that_path() -> None:
     for place in BAD_INPUT | STOPPED | UNWRITABLE:
         error = pkgutil.resolve_name(place)
         assert issubclass(error, Exception)
         assert f"{error.__module__}:{error.__qualname__}" == place
 
 
-def test_every_command_of_the_help_is_there_and_says_the_same_of_itself(
+def test_rig_help_lists_every_command_with_the_line_of_its_own_help(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
@@ -108,7 +108,7 @@ def test_every_command_of_the_help_is_there_and_says_the_same_of_itself(
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("dryrun", "dry-run"), ("resum", "resume")])
-def test_a_mistyped_command_is_told_its_neighbour(
+def test_a_mistyped_command_is_refused_with_the_nearest_command(
     typed: str, meant: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, _, complaint = said(capsys, monkeypatch, typed)

@@ -31,7 +31,7 @@ def blocks(page: str) -> list[tuple[str, str]]:
 
 @pytest.mark.quick(rows=lambda page: page != "your_own_protocol")
 @pytest.mark.parametrize("page", [*PAGES, *SECTIONS])
-def test_a_page_can_be_followed_literally(
+def test_every_how_to_page_can_be_followed_literally(
     page: str, program: Program, empty_figures: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -62,7 +62,7 @@ def test_a_page_can_be_followed_literally(
         assert "<svg" in Path("press.svg").read_text(encoding="utf-8")
 
 
-def test_the_script_on_the_page_is_the_one_that_is_shipped() -> None:
+def test_the_script_on_the_tutorial_page_is_the_shipped_file() -> None:
     (text,) = [text for kind, text in blocks("tutorial") if kind == "python first.py"]
     assert text == (EXAMPLES / "first.py").read_text(encoding="utf-8")
 

@@ -61,7 +61,9 @@ def _tolerance(gwt: float) -> float:
     return max(0.05, 0.01 * gwt)
 
 
-def test_the_target_is_reached_and_held(pressed: tuple[Run, Any]) -> None:
+def test_a_force_target_is_reached_and_held_within_tolerance_on_softer_and_stiffer_fingers(
+    pressed: tuple[Run, Any],
+) -> None:
     """± 0.05 gwt or 1 %, by what the finger truly felt in the hold, and by what was recorded."""
     run, felt = pressed
     for start, end in zip(run.stream("hold_start"), run.stream("hold_end"), strict=True):
@@ -70,7 +72,7 @@ def test_the_target_is_reached_and_held(pressed: tuple[Run, Any]) -> None:
         assert end["force_gwt"] == pytest.approx(end["commanded"], abs=_tolerance(end["commanded"]))
 
 
-def test_overshoot_is_five_per_cent_at_most(pressed: tuple[Run, Any]) -> None:
+def test_the_true_force_overshoots_its_target_by_at_most_five_percent(pressed: tuple[Run, Any]) -> None:
     """Of the true force, over the whole indentation."""
     run, felt = pressed
     begun = [event["t_s"] for event in run.stream("indentation_start")]
@@ -79,7 +81,7 @@ def test_overshoot_is_five_per_cent_at_most(pressed: tuple[Run, Any]) -> None:
         assert during.max() <= 1.05 * target_gwt
 
 
-def test_what_was_delivered_is_recorded(pressed: tuple[Run, Any]) -> None:
+def test_the_end_of_a_hold_records_target_duration_mean_and_peak_force(pressed: tuple[Run, Any]) -> None:
     run, _ = pressed
     for end, target_gwt in zip(run.stream("hold_end"), TARGETS_GWT, strict=True):
         assert (end["commanded"], end["asked_s"]) == (target_gwt, 3.0)
@@ -90,7 +92,7 @@ def test_what_was_delivered_is_recorded(pressed: tuple[Run, Any]) -> None:
         assert end["force_gwt"] <= end["peak_gwt"] <= 1.05 * target_gwt + 4 * SOFT["cell_noise_gwt"]  # type: ignore[operator]
 
 
-def test_the_noise_of_the_cell_is_measured_at_the_zero(pressed: tuple[Run, Any]) -> None:
+def test_the_zero_measures_the_noise_of_the_load_cell(pressed: tuple[Run, Any]) -> None:
     """Twelve readings: the standard deviation is known to some 20 %; steps of 0.02 gwt add 0.006."""
     run, _ = pressed
     assert run.stream("zero")[0]["noise_gwt"] == pytest.approx(0.02, abs=0.01)

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.usefixtures("empty_figures")
 PRESS = ("indent", "--shape", "cylinder:9", "--doi-mm", "0.3", "--model", "section", "--json")
 
 
-def test_a_press_with_friction_says_how_well_it_obeys_the_law(program: Program) -> None:
+def test_a_press_with_friction_reports_the_residuals_of_coulombs_law(program: Program) -> None:
     smooth, none, rubbed = (program(*PRESS, *more).json for more in ((), ("--friction", "0"), ("--friction", "0.3")))
     smooth["solver"]["contact_s"] = none["solver"]["contact_s"] = 0.0
     smooth["solver"]["build_s"] = none["solver"]["build_s"] = 0.0

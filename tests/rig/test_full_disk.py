@@ -126,7 +126,7 @@ def _line(ended: Ended) -> str:
 
 
 @pytest.mark.parametrize("name", BEGINNING)
-def test_before_a_run_nothing_is_left_of_it(
+def test_a_disk_full_at_the_start_of_a_run_leaves_no_run_folder(
     rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path, name: str
 ) -> None:
     disk, make_room = full_at(name, 1)
@@ -149,7 +149,7 @@ def test_before_a_run_nothing_is_left_of_it(
         (ENDING[-1], 2),
     ],
 )
-def test_a_run_is_whole_again_when_there_is_room(
+def test_a_run_interrupted_by_a_full_disk_is_completed_when_space_is_freed(
     rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path, name: str, nth: int
 ) -> None:
     disk, make_room = full_at(name, nth)
@@ -189,7 +189,7 @@ def test_a_run_is_whole_again_when_there_is_room(
         *(("--nwb", name) for name in ("run.nwb", "SHA256SUMS")),
     ],
 )
-def test_an_export_is_the_old_one_or_the_whole_new_one(
+def test_an_export_on_a_full_disk_leaves_the_old_file_or_the_complete_new_one(
     rig: Callable[..., Ended], full_at: Callable[..., Any], made_once: MadeOnce, as_what: str, name: str
 ) -> None:
     """HDF5 that meets a full disk itself ends the program: a file is made in memory, and written by us."""
@@ -211,7 +211,7 @@ def test_an_export_is_the_old_one_or_the_whole_new_one(
     assert (folder / name).stat().st_size > 0
 
 
-def test_a_run_that_cannot_be_locked_is_not_taken_up(
+def test_a_run_whose_lock_file_cannot_be_written_is_not_resumed(
     rig: Callable[..., Ended], full_at: Callable[..., Any], made_once: MadeOnce
 ) -> None:
     folder = made_once("whole", partial(_carried_out, rig))

@@ -53,7 +53,7 @@ def stage(wire: Wire) -> GrblStage:
 
 
 @also_served
-def test_the_driver_finds_its_way_in(wire: Wire) -> None:
+def test_the_grbl_driver_connects_reads_the_settings_and_unlocks(wire: Wire) -> None:
     stage = GrblStage(*wire)
     assert "[VER:1.1" in stage.connect()
     assert {100, 101, 102, 110, 111, 112, 120, 121, 122, 130, 131, 132} <= set(stage.settings())
@@ -70,7 +70,7 @@ def test_the_driver_finds_its_way_in(wire: Wire) -> None:
         (b"$J=G91X-1F60M8\n", "error:16"),
     ],
 )  # fmt: skip
-def test_answers(wire: Wire, stage: GrblStage, sent: bytes, answer: str) -> None:
+def test_grbl_answers_each_line_as_documented(wire: Wire, stage: GrblStage, sent: bytes, answer: str) -> None:
     transport, clock = wire
     transport.write(sent)
     assert LineReader(transport, clock).read_line(clock.monotonic_s() + 2.0) == answer
@@ -80,7 +80,7 @@ def test_answers(wire: Wire, stage: GrblStage, sent: bytes, answer: str) -> None
     ("sent", "grbl", "grblhal"),
     [(b"$999=1\n", "error:3", "error:53"), (b"N1" + b"0" * 80 + b"\n", "error:11", "ok")],
 )
-def test_answers_that_firmwares_give_differently(wire: Wire, sent: bytes, grbl: str, grblhal: str) -> None:
+def test_grbl_and_grblhal_give_their_own_error_numbers(wire: Wire, sent: bytes, grbl: str, grblhal: str) -> None:
     transport, clock = wire
     stage = GrblStage(*wire)
     says = stage.connect()
@@ -90,7 +90,7 @@ def test_answers_that_firmwares_give_differently(wire: Wire, sent: bytes, grbl: 
     assert answer == (grblhal if "grblHAL" in says else grbl)
 
 
-def test_overrides_are_reported_refused_and_end_at_connecting(wire: Wire, stage: GrblStage) -> None:
+def test_speed_overrides_are_reported_refused_and_reset_at_connecting(wire: Wire, stage: GrblStage) -> None:
     transport, clock = wire
     transport.write(b"\x91")
     _until_overrides(stage, clock, (110, 100, 100))
@@ -110,7 +110,7 @@ def test_overrides_are_reported_refused_and_end_at_connecting(wire: Wire, stage:
 
 
 @pytest.mark.parametrize("after_mm", [0.2])
-def test_an_override_during_a_jog_is_named_and_the_jog_can_be_ended(
+def test_a_speed_override_during_a_jog_is_reported_and_the_jog_can_be_ended(
     stage: GrblStage, wire: Wire, after_mm: float
 ) -> None:
     transport, clock = wire
@@ -127,7 +127,7 @@ def test_an_override_during_a_jog_is_named_and_the_jog_can_be_ended(
     assert abs(at.x_mm - start_mm) < 20.0
 
 
-def test_a_jog_ends_where_it_was_sent(stage: GrblStage, wire: Wire) -> None:
+def test_a_jog_ends_at_its_target(stage: GrblStage, wire: Wire) -> None:
     before = stage.status()
     stage.jog("x", -0.5, 5.0)
     _until(stage, wire[1], lambda state: state == "Idle")
@@ -136,7 +136,7 @@ def test_a_jog_ends_where_it_was_sent(stage: GrblStage, wire: Wire) -> None:
     assert (after.y_mm, after.z_mm) == (before.y_mm, before.z_mm)
 
 
-def test_a_cancelled_jog_stops_on_its_way_and_another_can_follow(stage: GrblStage, wire: Wire) -> None:
+def test_a_canceled_jog_stops_midway_and_another_can_follow(stage: GrblStage, wire: Wire) -> None:
     before = stage.status()
     stage.jog("x", -20.0, 2.0)
     _wait_until_it_moves(stage, wire[1])
@@ -151,7 +151,7 @@ def test_a_cancelled_jog_stops_on_its_way_and_another_can_follow(stage: GrblStag
 
 
 @also_served
-def test_hold_and_resume_end_where_the_move_was_sent(stage: GrblStage, wire: Wire) -> None:
+def test_a_move_that_is_held_and_resumed_ends_at_its_target(stage: GrblStage, wire: Wire) -> None:
     transport, clock = wire
     before = stage.status()
     transport.write(b"G91G1X-2F120\n")
@@ -171,7 +171,7 @@ def test_hold_and_resume_end_where_the_move_was_sent(stage: GrblStage, wire: Wir
 
 
 @also_served
-def test_a_stop_in_motion_is_an_alarm_that_an_unlock_clears(stage: GrblStage, wire: Wire) -> None:
+def test_a_stop_in_motion_raises_an_alarm_that_an_unlock_clears(stage: GrblStage, wire: Wire) -> None:
     transport, clock = wire
     before = stage.status()
     transport.write(b"G91G1X-20F120\n")
@@ -187,7 +187,9 @@ def test_a_stop_in_motion_is_an_alarm_that_an_unlock_clears(stage: GrblStage, wi
     assert abs(after.x_mm - before.x_mm) < 20.0
 
 
-def test_out_of_travel_a_jog_is_refused_and_a_move_is_an_alarm_with_a_way_back(stage: GrblStage) -> None:
+def test_a_jog_beyond_the_travel_is_refused_and_a_move_raises_an_alarm_that_an_unlock_clears(
+    stage: GrblStage,
+) -> None:
     """The move is the board's own: the driver makes none before it is homed, for which a board may lack switches."""
     if not stage.settings()[20]:
         pytest.skip("the board's soft limits ($20) are off")

@@ -39,7 +39,7 @@ def _asked_s(board: Board, line: bytes = LINE_X) -> list[float]:
 
 
 @pytest.mark.parametrize("state", ["Alarm", "Sleep", "Check", "Alarm:1"])
-def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state: str) -> None:
+def test_a_board_state_that_cannot_lead_to_arrival_ends_a_move_at_once(board: Board, state: str) -> None:
     stage = connected(board)
     board.status = at(state)
     with raises(StageError, "left_move", state=state):
@@ -47,7 +47,7 @@ def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state
     assert len(_asked_s(board)) == 1
 
 
-def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> None:
+def test_a_speed_override_first_reported_at_the_arrival_fails_the_move(board: Board) -> None:
     """The move was too short to be looked at on the way: it went at another speed all the same."""
     stage = connected(board)
     board.status = b"<Idle|MPos:-11.000,-2.000,-3.000|FS:0,0|Ov:50,100,100>\r\n"
@@ -56,7 +56,7 @@ def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> No
 
 
 @pytest.mark.parametrize("news", [b"ALARM:1\r\n", BANNER])
-def test_news_during_a_move_is_heard_when_it_comes(board: Board, clock: VirtualClock, news: bytes) -> None:
+def test_an_alarm_or_reset_during_a_move_ends_it_at_once(board: Board, clock: VirtualClock, news: bytes) -> None:
     stage = connected(board)
     board.says(news, 3.3)
     begun_s = clock.monotonic_s()
@@ -85,7 +85,7 @@ LIMITS = (
         ((0.0, 0.0, 0.0), 1.0, 0.0),
     ],
 )
-def test_a_move_is_asked_after_when_its_length_and_the_axes_limits_say(
+def test_a_move_is_first_polled_when_length_and_axis_limits_predict_its_end(
     board: Board,
     by_mm: tuple[float, float, float],
     speed_mm_s: float,
@@ -103,7 +103,7 @@ def test_a_move_is_asked_after_when_its_length_and_the_axes_limits_say(
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 @pytest.mark.parametrize("off_mm", [-0.003, -0.002, 0.002, 0.003])
-def test_each_axis_must_arrive_within_a_step_of_its_own(board: Board, axis: str, off_mm: float) -> None:
+def test_each_axis_must_arrive_within_one_of_its_own_steps(board: Board, axis: str, off_mm: float) -> None:
     """Of 0.0025 mm; the other axes of this board have steps of a tenth of it, and were not told to go anywhere."""
     fine = "\r\n".join(f"${100 + k}={400 if one == axis else 4000}" for k, one in enumerate("xyz"))
     board.answers[b"$$\n"] = fine.encode() + b"\r\n$13=0\r\nok\r\n"
@@ -125,7 +125,7 @@ def test_each_axis_must_arrive_within_a_step_of_its_own(board: Board, axis: str,
     ],
     ids=["move", "jog", "jog down"],
 )
-def test_at_a_speed_that_is_known_to_be_changed_no_byte_is_sent(
+def test_while_a_speed_override_is_active_no_motion_is_sent(
     board: Board, move: Callable[[GrblStage], object]
 ) -> None:
     stage = connected(board)
@@ -146,7 +146,9 @@ STEPS = {"x": 400.0, "y": 250.0, "z": 80.0}
      ("x", -5.03125, -5.0325), ("x", 5.03125, 5.0325),
      ("z", -5.006, -5.0), ("z", -5.007, -5.0125), ("z", 5.007, 5.0125)],
 )  # fmt: skip
-def test_a_target_is_the_nearest_step_of_its_own_axis(board: Board, axis: str, to_mm: float, step_mm: float) -> None:
+def test_a_target_is_rounded_to_the_nearest_step_of_its_axis(
+    board: Board, axis: str, to_mm: float, step_mm: float
+) -> None:
     """Half a step is rounded away from zero, as by the board. −1, −2 and −3 mm are whole steps of all three axes."""
     told = "".join(f"${100 + k}={per_mm}\r\n" for k, per_mm in enumerate(STEPS.values()))
     board.answers[b"$$\n"] = told.encode() + b"$13=0\r\nok\r\n"
@@ -174,7 +176,7 @@ HOMES = "$13=0\r\n$27={off}\r\n$23={down}\r\n$130=60.0\r\n$131=30.0\r\n{z}ok\r\n
         (2, 0.5, "", (-0.5, -29.5, -0.5)),
     ],
 )
-def test_a_board_has_homed_where_its_settings_say(
+def test_homing_ends_at_the_position_that_the_board_settings_define(
     board: Board, down: int, off: float, z: str, home: tuple[float, float, float]
 ) -> None:
     """Off its switch by $27, at the end that $23 names for each axis."""
@@ -193,7 +195,7 @@ def test_a_board_has_homed_where_its_settings_say(
 
 @pytest.mark.parametrize("options", ["VZ,15,128", "VNMPZHL,35,1024,3,0", "Z"])
 @pytest.mark.parametrize("off", [0.5, 1.0])
-def test_a_board_with_the_option_z_has_homed_at_its_origin(board: Board, options: str, off: float) -> None:
+def test_homing_a_board_with_option_z_ends_at_its_origin(board: Board, options: str, off: float) -> None:
     """GRBL built with HOMING_FORCE_SET_ORIGIN: where homing ends is 0, whatever the pull-off."""
     board.answers[b"$I\n"] = f"[VER:1.1h.20190825:Z]\r\n[OPT:{options}]\r\nok\r\n".encode()
     board.answers[b"$$\n"] = HOMES.format(off=off, down=0, z="$132=40.0\r\n").encode()
@@ -212,7 +214,7 @@ def test_a_board_with_the_option_z_has_homed_at_its_origin(board: Board, options
     ("options", "down", "wanted"),
     [*(("VZ,15,128", down, 0) for down in (1, 2, 3, 4, 7)), ("V,15,128", 3, None), ("V,15,128", 7, 3)],
 )
-def test_with_the_option_z_every_axis_homes_at_its_positive_end(
+def test_a_board_with_option_z_must_home_every_axis_at_its_positive_end(
     board: Board, options: str, down: int, wanted: int | None
 ) -> None:
     """Otherwise its positions would be positive, and each move beyond its soft limits."""
@@ -226,7 +228,7 @@ def test_with_the_option_z_every_axis_homes_at_its_positive_end(
 
 
 @pytest.mark.parametrize(("after_s", "fine"), [(1.85, True), (2.25, False)])
-def test_a_board_has_two_seconds_to_begin_to_home(
+def test_a_board_that_has_not_begun_homing_after_two_seconds_has_failed(
     board: Board, clock: VirtualClock, after_s: float, fine: bool
 ) -> None:
     """Until then it may say that it is idle; some say nothing while they home, and `Home` once."""
@@ -244,7 +246,7 @@ def test_a_board_has_two_seconds_to_begin_to_home(
 
 
 @pytest.mark.parametrize("verb", ["home", "halt"])
-def test_a_stop_from_another_thread_ends_the_trust_whatever_is_under_way(board: Board, verb: str) -> None:
+def test_a_stop_from_another_thread_leaves_the_stage_unhomed(board: Board, verb: str) -> None:
     """It comes with the first status that is asked for meanwhile."""
     stage = connected(board)
     answer, told = board._answer, b"$H\n" if verb == "home" else b"!"
@@ -262,7 +264,7 @@ def test_a_stop_from_another_thread_ends_the_trust_whatever_is_under_way(board: 
     assert not stage.homed
 
 
-def test_an_ok_without_a_homing_is_none(board: Board) -> None:
+def test_an_ok_without_homing_does_not_count_as_homed(board: Board) -> None:
     """That of `$X`, which one wrong bit makes of `$H`."""
     stage = connected(board)
     board.answers[b"$H\n"] = b"ok\r\n"
@@ -274,7 +276,7 @@ def test_an_ok_without_a_homing_is_none(board: Board) -> None:
 # --- a halt ---
 
 
-def test_a_feed_hold_that_may_have_been_lost_is_repeated(board: Board) -> None:
+def test_a_feed_hold_is_repeated_while_the_board_still_runs(board: Board) -> None:
     """While the board runs, each 20 ms; not while it slows down."""
     stage = connected(board)
     board.next[b"?"] = [at("Run"), at("Run"), at("Hold:1"), at("Hold:0"), at("Idle")]
@@ -287,7 +289,7 @@ def test_a_feed_hold_that_may_have_been_lost_is_repeated(board: Board) -> None:
 
 
 @pytest.mark.parametrize(("axis", "zero"), [("x", "X0.1Y0Z0"), ("y", "X0Y0.1Z0"), ("z", "X0Y0Z0.1")])
-def test_a_jog_goes_from_rest_to_a_place_that_the_board_has_confirmed(board: Board, axis: Any, zero: str) -> None:
+def test_a_jog_is_sent_only_from_rest_and_to_a_confirmed_target(board: Board, axis: Any, zero: str) -> None:
     stage = connected(board)
     stage.jog(axis, -0.1, 1.0)
     assert board.said == [f"G92{zero}G90G21G94F60\n".encode(), b"?", f"$J={axis.upper()}0F60\n".encode()]
@@ -298,7 +300,7 @@ def test_a_jog_goes_from_rest_to_a_place_that_the_board_has_confirmed(board: Boa
     assert len([data for data in board.said if data.startswith(b"$J=")]) == 1
 
 
-def test_a_cancelled_jog_is_over_once_the_board_stands_for_half_a_second(board: Board, clock: VirtualClock) -> None:
+def test_a_canceled_jog_is_over_once_the_board_rests_for_half_a_second(board: Board, clock: VirtualClock) -> None:
     """Whatever it says: some grblHAL boards report Jog for ever."""
     stage = connected(board)
     board.status = at("Jog")
@@ -308,7 +310,7 @@ def test_a_cancelled_jog_is_over_once_the_board_stands_for_half_a_second(board: 
     assert board.said[0] == b"\x85"
 
 
-def test_a_jog_that_goes_on_is_cancelled_each_half_second_for_five(board: Board, clock: VirtualClock) -> None:
+def test_a_jog_cancel_is_repeated_each_half_second_for_five_seconds(board: Board, clock: VirtualClock) -> None:
     stage = connected(board)
     begun_s, answer = clock.monotonic_s(), board._answer
     board._answer = lambda data: at("Jog", -clock.monotonic_s()) if data == b"?" else answer(data)  # type: ignore[method-assign]
@@ -325,7 +327,7 @@ def test_a_jog_that_goes_on_is_cancelled_each_half_second_for_five(board: Board,
     ("to_mm", "told_mm"),
     [(0.0, -0.0002), (math.nextafter(0.0, 1.0), -0.0002), (-39.5, -39.5), (-40.0, -39.9998), (-40.01, -40.01)],
 )
-def test_a_target_at_an_end_of_the_travel_is_told_just_within_it(board: Board, to_mm: float, told_mm: float) -> None:
+def test_a_target_at_an_end_of_the_travel_is_sent_just_within_it(board: Board, to_mm: float, told_mm: float) -> None:
     """The board compares in 24 bits; what lies beyond is for it to refuse."""
     board.answers[b"$$\n"] = b"$13=0\r\n$132=40.000\r\nok\r\n"
     board.status = at("Idle", z_mm=-20.0)
@@ -362,7 +364,7 @@ def _lasts_s(clock: VirtualClock, act: Callable[[], object], code: str) -> float
         b"<Idle|MPos:nan,-2.000,-13.500>\r\n",
     ],
 )
-def test_a_damaged_status_is_not_believed(board: Board, garbled: bytes) -> None:
+def test_a_damaged_status_report_is_requested_again(board: Board, garbled: bytes) -> None:
     """A number that was cut short is another number."""
     stage = connected(board)
     board.next[b"?"] = [garbled]
@@ -370,7 +372,7 @@ def test_a_damaged_status_is_not_believed(board: Board, garbled: bytes) -> None:
     assert board.said == [b"?", b"?"]
 
 
-def test_a_line_is_answered_within_two_seconds(board: Board, clock: VirtualClock) -> None:
+def test_a_line_without_an_answer_fails_after_two_seconds(board: Board, clock: VirtualClock) -> None:
     stage = connected(board)
     board.next[b"$$\n"] = [[(1.99, SETTINGS)], b""]
     assert stage.settings()[100] == 400.0
@@ -391,7 +393,7 @@ class Slow(Board):
 @pytest.mark.parametrize("late_s", [0.0, 0.09, 0.11, 0.29])
 @pytest.mark.parametrize("far_mm", [0.05, 0.5], ids=["near", "far"])
 @pytest.mark.parametrize("to", ["jog", "move"])
-def test_a_confirmation_may_answer_an_earlier_request(
+def test_a_confirmation_that_answers_an_earlier_status_request_counts(
     clock: VirtualClock, to: str, far_mm: float, late_s: float
 ) -> None:
     """A board reports a new work zero once; while it owes an ok, it is asked every 0.1 s."""
@@ -408,7 +410,7 @@ def test_a_confirmation_may_answer_an_earlier_request(
     assert len([data for data in board.said if data.startswith(b"G92")]) == 1
 
 
-def test_an_offset_from_before_the_line_was_executed_is_not_a_confirmation(clock: VirtualClock) -> None:
+def test_a_work_offset_reported_before_the_line_was_executed_confirms_nothing(clock: VirtualClock) -> None:
     board = Slow(clock)
     stage = connected(board)
     board.late_s = 0.15
@@ -420,7 +422,7 @@ def test_an_offset_from_before_the_line_was_executed_is_not_a_confirmation(clock
     assert not [data for data in board.said if data.startswith(b"$J=")]
 
 
-def test_an_offset_of_an_earlier_motion_is_not_a_confirmation(board: Board) -> None:
+def test_a_work_offset_of_an_earlier_motion_confirms_nothing(board: Board) -> None:
     """Told the same target again, the board reports no work zero: that of the first time says nothing."""
     stage = connected(board)
     stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
@@ -432,7 +434,7 @@ def test_an_offset_of_an_earlier_motion_is_not_a_confirmation(board: Board) -> N
     assert not [data for data in board.said if data.startswith(b"G1")]
 
 
-def test_an_offset_that_the_board_reports_before_it_has_obeyed_is_not_a_confirmation(clock: VirtualClock) -> None:
+def test_a_work_offset_reported_while_the_board_owes_an_ok_confirms_nothing(clock: VirtualClock) -> None:
     """Of an earlier motion to the same target: it is reported while the line is owed an ok, and not after that."""
     board = Slow(clock)
     stage = connected(board)
@@ -453,7 +455,7 @@ def test_an_offset_that_the_board_reports_before_it_has_obeyed_is_not_a_confirma
     assert not [data for data in board.said if data.startswith(b"G1")]
 
 
-def test_an_offset_is_not_used_any_more_once_a_line_that_sets_it_was_sent(board: Board) -> None:
+def test_a_known_work_offset_is_discarded_once_a_line_that_sets_it_was_sent(board: Board) -> None:
     """The board may have obeyed though it did not answer: its work coordinates count from elsewhere then."""
     work = "<Idle|WPos:{}|FS:0,0{}>\r\n"
     board.next[b"?"] = [work.format("1.000,2.000,3.000", "|WCO:-10.000,-10.000,-10.000").encode()]
@@ -473,7 +475,9 @@ def test_an_offset_is_not_used_any_more_once_a_line_that_sets_it_was_sent(board:
     ("state", "code"), [("Hold:0", "held"), ("Door:1", "held"), ("Run", "not_idle"), ("Alarm", "not_idle")]
 )
 @pytest.mark.parametrize("to", ["jog", "move"])
-def test_a_board_that_confirms_a_target_must_be_idle(board: Board, state: str, code: str, to: str) -> None:
+def test_a_target_confirmed_by_a_board_that_is_not_idle_starts_no_motion(
+    board: Board, state: str, code: str, to: str
+) -> None:
     stage = connected(board)
     answer = board._answer
     board._answer = lambda data: at(state) if data == b"?" else answer(data)  # type: ignore[method-assign]
@@ -492,7 +496,9 @@ def test_a_board_that_confirms_a_target_must_be_idle(board: Board, state: str, c
         ("[GC:]", ["G21", "G90", "G94"]),
     ],
 )
-def test_modes_are_believed_in_a_whole_line_alone(board: Board, printed: str, missing: list[str] | None) -> None:
+def test_modal_state_counts_only_in_a_complete_report_line(
+    board: Board, printed: str, missing: list[str] | None
+) -> None:
     stage = connected(board)
     board.answers[b"$G\n"] = f"{printed}\r\nok\r\n".encode()
     if missing is None:
@@ -503,7 +509,9 @@ def test_modes_are_believed_in_a_whole_line_alone(board: Board, printed: str, mi
 
 
 @pytest.mark.parametrize(("wrong", "missing"), [("G91", "G90"), ("G20", "G21"), ("G93", "G94"), ("", "G90")])
-def test_the_modes_of_a_long_motion_are_confirmed(board: Board, wrong: str, missing: str) -> None:
+def test_a_long_motion_starts_only_in_confirmed_absolute_millimeter_modes(
+    board: Board, wrong: str, missing: str
+) -> None:
     """Absolute, in millimetres, by feed per minute; a short one is over before they matter."""
     stage = connected(board)
     modes = "G1 G54 G17 G21 G90 G94 M5 M9 T0 F60 S0".replace(missing, wrong)
@@ -519,7 +527,7 @@ def test_the_modes_of_a_long_motion_are_confirmed(board: Board, wrong: str, miss
     ("shown", "found_mm_min"),
     [("F60", 60), ("F59.5", 59.5), ("F60.5", 60.5), ("F59", 59.0), ("F61", 61.0), ("F600", 600.0), ("", None)],
 )
-def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(
+def test_the_feed_is_confirmed_to_half_a_millimeter_a_minute(
     board: Board, shown: str, found_mm_min: float | None
 ) -> None:
     """It may print whole mm/min: half of one is no difference. No feed at all is none."""
@@ -534,7 +542,7 @@ def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(
         assert not [data for data in board.said if data.startswith(b"$J=")]
 
 
-def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: VirtualClock) -> None:
+def test_a_reset_without_a_banner_is_repeated_once_after_three_seconds(board: Board, clock: VirtualClock) -> None:
     stage = connected(board)
     stage.stop()
     board.heard.clear()
@@ -546,7 +554,7 @@ def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: Vir
     assert board.said == [b"\x18"] * 3 + [b"$X\n"]
 
 
-def test_a_reset_forgets_what_came_before_it(board: Board) -> None:
+def test_a_reset_discards_all_answers_from_before(board: Board) -> None:
     """Late answers, an alarm's text, the banner of a reset before it, and half a line."""
     stage = connected(board)
     stage.stop()
@@ -558,7 +566,7 @@ def test_a_reset_forgets_what_came_before_it(board: Board) -> None:
 
 
 @pytest.mark.parametrize("asked_for", [True, False], ids=["the driver's", "the board's own"])
-def test_after_a_reset_the_work_offset_is_waited_for_again(board: Board, asked_for: bool) -> None:
+def test_after_a_reset_the_driver_waits_for_a_new_work_offset(board: Board, asked_for: bool) -> None:
     """A board may come up with another."""
     work = "<Idle|WPos:1.000,2.000,3.000|FS:0,0{}>\r\n"
     board.status = work.format("").encode()
@@ -586,14 +594,14 @@ def _deaf_to_resets(clock: VirtualClock, status: bytes) -> tuple[Board, GrblStag
     return board, stage
 
 
-def test_homing_that_never_ends_has_three_minutes(clock: VirtualClock) -> None:
+def test_homing_fails_after_three_minutes(clock: VirtualClock) -> None:
     board, stage = _deaf_to_resets(clock, at("Home"))
     board.answers[b"$H\n"] = b""
     assert _lasts_s(clock, stage.home, "no_reply") == pytest.approx(180.0)
     assert not stage.homed
 
 
-def test_a_halt_that_never_rests_has_two_seconds_and_is_followed_by_no_reset(clock: VirtualClock) -> None:
+def test_a_halt_without_rest_fails_after_two_seconds_and_sends_no_reset(clock: VirtualClock) -> None:
     """A reset in motion would lose the position."""
     board, stage = _deaf_to_resets(clock, at("Run"))
     assert _lasts_s(clock, stage.halt, "not_at_rest") == pytest.approx(2.0, abs=0.021)
@@ -601,13 +609,13 @@ def test_a_halt_that_never_rests_has_two_seconds_and_is_followed_by_no_reset(clo
     assert b"\x18" not in board.said
 
 
-def test_a_held_board_that_does_not_go_on_has_five_seconds(clock: VirtualClock) -> None:
+def test_resuming_a_board_that_stays_held_fails_after_five_seconds(clock: VirtualClock) -> None:
     _, stage = _deaf_to_resets(clock, at("Hold:0"))
     assert _lasts_s(clock, stage.resume, "still_held") == pytest.approx(5.0, abs=0.021)
 
 
 @pytest.mark.parametrize("after", ["Idle", "Alarm"])
-def test_a_halt_that_ends_in_an_alarm_has_lost_the_position(clock: VirtualClock, after: str) -> None:
+def test_a_halt_that_ends_in_an_alarm_leaves_the_stage_unhomed(clock: VirtualClock, after: str) -> None:
     board, stage = _deaf_to_resets(clock, at("Hold:0"))
     board.answers[b"\x18"] = BANNER
     write = board.write

@@ -90,7 +90,7 @@ NEEDS_A_RESET = [_no_answer_to_a_line, _alarm, _banner, _lost_arrival, _stop]
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_every_loss_of_the_position_ends_the_trust_until_homing(
+def test_every_loss_of_the_position_leaves_the_stage_unhomed_until_homing(
     board: Board, loss: Callable[[Board, GrblStage], None]
 ) -> None:
     """Homing begins with a reset where the board may still owe an answer, and only there."""
@@ -109,7 +109,9 @@ def test_every_loss_of_the_position_ends_the_trust_until_homing(
     stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
 
 
-def test_before_a_connection_nothing_is_trusted_and_no_line_is_sent(board: Board, clock: VirtualClock) -> None:
+def test_before_connecting_the_stage_is_unhomed_and_sends_no_line_but_homing(
+    board: Board, clock: VirtualClock
+) -> None:
     """What the board was told before is not known; homing begins with a reset and needs no connection."""
     stage = GrblStage(board, clock)
     assert not stage.homed
@@ -123,7 +125,7 @@ def test_before_a_connection_nothing_is_trusted_and_no_line_is_sent(board: Board
 
 
 @pytest.mark.parametrize("state", ["Idle", "Hold:0"])
-def test_a_halt_keeps_the_trust_there_was(board: Board, state: str) -> None:
+def test_a_halt_keeps_a_stage_homed_or_unhomed(board: Board, state: str) -> None:
     for homed in (True, False):
         stage = connected(board, homed=homed)
         board.status = at(state)
@@ -134,7 +136,7 @@ def test_a_halt_keeps_the_trust_there_was(board: Board, state: str) -> None:
         board.status = at("Idle")
 
 
-def test_a_refused_line_loses_nothing(board: Board) -> None:
+def test_a_line_that_the_board_refuses_keeps_the_stage_homed(board: Board) -> None:
     stage = connected(board)
     board.answers[b"$J=X0F60\n"] = b"error:15\r\n"
     with raises(StageRejected, "line_refused", number=15):

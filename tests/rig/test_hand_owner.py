@@ -34,7 +34,7 @@ def make(request: pytest.FixtureRequest) -> Callable[..., HandBench]:
 # --- readings ---
 
 
-def test_the_backlog_gives_what_is_new_in_pieces_and_says_what_was_lost() -> None:
+def test_the_backlog_returns_new_readings_in_portions_and_counts_lost_ones() -> None:
     log = Backlog()
     assert log.since(0) == {"columns": COLUMNS, "rows": [], "next": 0, "more": False, "lost": 0}
     for number in range(450):
@@ -55,9 +55,7 @@ def test_the_backlog_gives_what_is_new_in_pieces_and_says_what_was_lost() -> Non
 
 
 @pytest.mark.parametrize("period_s", [0.05, 0.02])
-def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(
-    make: Callable[..., HandBench], period_s: float
-) -> None:
+def test_an_idle_session_reads_the_sensor_at_its_own_rate(make: Callable[..., HandBench], period_s: float) -> None:
     """The stage beside it, ten times a second."""
     bench = make(sample_period_s=period_s)
     looks: list[float] = []
@@ -87,7 +85,7 @@ def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(
 
 
 @pytest.mark.parametrize("since", [-1, 1.5, "all"])
-def test_readings_since_what_is_no_number_are_refused(since: Any) -> None:
+def test_status_refuses_a_reading_number_that_is_no_whole_number(since: Any) -> None:
     with raises(LimitError, "invalid_request", do="status", key="since", value=since):
         HandBench("grbl")("status", since=since)
 
@@ -97,7 +95,7 @@ def test_readings_since_what_is_no_number_are_refused(since: Any) -> None:
     [{"tab": None}, {"axis": "u"}, {"sign": 0}, {"sign": "1"}, {"by_mm": 0.0}, {"by_mm": 5.1}, {"by_mm": "much"}],
     ids=str,
 )
-def test_what_is_no_step_is_refused(wrong: dict[str, Any]) -> None:
+def test_a_step_with_an_invalid_axis_sign_or_length_is_refused(wrong: dict[str, Any]) -> None:
     bench = HandBench("grbl")
     step = {"axis": "x", "sign": 1, "by_mm": 1.0, "tab": "one"}
     with raises(LimitError, "invalid_request"):
@@ -108,7 +106,7 @@ def test_what_is_no_step_is_refused(wrong: dict[str, Any]) -> None:
 # --- state ---
 
 
-def test_while_it_homes_no_place_is_told(make: Callable[..., HandBench]) -> None:
+def test_while_homing_the_status_reports_no_position(make: Callable[..., HandBench]) -> None:
     bench = make()
 
     def person() -> Person:
@@ -126,7 +124,7 @@ def test_while_it_homes_no_place_is_told(make: Callable[..., HandBench]) -> None
     bench.run(person())
 
 
-def test_a_sensor_that_falls_silent_is_said_and_its_last_reading_grows_old(make: Callable[..., HandBench]) -> None:
+def test_a_silent_sensor_is_reported_and_its_last_reading_keeps_its_time(make: Callable[..., HandBench]) -> None:
     bench = make()
     read = bench.bench.force.read
 
@@ -149,7 +147,7 @@ def test_a_sensor_that_falls_silent_is_said_and_its_last_reading_grows_old(make:
     bench.run(person())
 
 
-def test_while_somebody_stops_it_nothing_else_is_asked_of_a_device(make: Callable[..., HandBench]) -> None:
+def test_while_another_program_stops_the_stage_no_device_is_queried(make: Callable[..., HandBench]) -> None:
     bench = make()
     tries: list[float] = []
     open_again = bench.gate.open
@@ -173,7 +171,7 @@ def test_while_somebody_stops_it_nothing_else_is_asked_of_a_device(make: Callabl
 # --- a stage that fails ---
 
 
-def test_a_stage_that_failed_is_spoken_to_anew_and_its_place_is_not_known(make: Callable[..., HandBench]) -> None:
+def test_a_stage_that_failed_is_reconnected_and_counts_as_unhomed(make: Callable[..., HandBench]) -> None:
     bench = make()
     stage = bench.bench.stage
     status, connect, connected = stage.status, stage.connect, []
@@ -198,7 +196,7 @@ def test_a_stage_that_failed_is_spoken_to_anew_and_its_place_is_not_known(make: 
     assert bench.memory.read().left_at_mm is None
 
 
-def test_a_held_board_is_not_spoken_to_before_it_is_let_go() -> None:
+def test_a_board_in_feed_hold_is_not_reconnected_before_its_release() -> None:
     """Speaking to it would reset it: somebody holds it on purpose."""
     bench = HandBench("grbl", zero=ZERO)
     stage: Any = bench.bench.stage
@@ -222,7 +220,7 @@ def test_a_held_board_is_not_spoken_to_before_it_is_let_go() -> None:
     bench.run(person())
 
 
-def test_an_axis_that_is_not_there_and_a_speed_that_it_does_not_have_leave_its_place_known() -> None:
+def test_a_step_refused_for_its_axis_or_speed_leaves_the_stage_homed() -> None:
     bench = HandBench("leadshine", zero=ZERO)
 
     def person() -> Person:
@@ -237,7 +235,7 @@ def test_an_axis_that_is_not_there_and_a_speed_that_it_does_not_have_leave_its_p
     assert bench.moves_sent()[-1] < bench.clock.monotonic_s() - 1.0
 
 
-def test_where_its_port_is_gone_it_ends(make: Callable[..., HandBench]) -> None:
+def test_a_session_ends_when_its_port_is_lost(make: Callable[..., HandBench]) -> None:
     bench = make()
 
     def person() -> Person:
@@ -252,7 +250,7 @@ def test_where_its_port_is_gone_it_ends(make: Callable[..., HandBench]) -> None:
     assert bench.memory.read().left_at_mm is None
 
 
-def test_whatever_ends_it_unforeseen_stops_the_stage(make: Callable[..., HandBench]) -> None:
+def test_an_unexpected_error_in_a_session_stops_the_stage(make: Callable[..., HandBench]) -> None:
     bench = make()
     stops: list[int] = []
 
@@ -266,7 +264,7 @@ def test_whatever_ends_it_unforeseen_stops_the_stage(make: Callable[..., HandBen
     assert stops == [1]
 
 
-def test_a_stop_just_before_it_is_left_is_no_place_to_remember(make: Callable[..., HandBench]) -> None:
+def test_a_session_that_ends_after_a_stop_records_no_stage_position(make: Callable[..., HandBench]) -> None:
     bench = make()
 
     def person() -> Person:
@@ -277,7 +275,9 @@ def test_a_stop_just_before_it_is_left_is_no_place_to_remember(make: Callable[..
     assert bench.memory.read().left_at_mm is None
 
 
-def test_left_while_it_moves_it_ends_the_step_and_is_remembered(make: Callable[..., HandBench]) -> None:
+def test_a_session_left_during_a_step_finishes_the_step_and_records_the_position(
+    make: Callable[..., HandBench],
+) -> None:
     bench = make()
 
     def person() -> Person:
@@ -292,7 +292,7 @@ def test_left_while_it_moves_it_ends_the_step_and_is_remembered(make: Callable[.
     assert bench.refusal("step") == "busy: leaving"
 
 
-def test_it_ends_when_nobody_is_there_any_more() -> None:
+def test_a_session_ends_when_its_client_is_gone() -> None:
     bench = HandBench("grbl")
     asked: list[float] = []
 
@@ -306,7 +306,7 @@ def test_it_ends_when_nobody_is_there_any_more() -> None:
     assert asked[-1] - asked[0] == pytest.approx(20 * bench.bench.force.sample_period_s, abs=0.15)
 
 
-def test_a_sensor_that_does_not_answer_begins_nothing() -> None:
+def test_a_session_does_not_begin_without_an_answer_of_the_sensor() -> None:
     bench = HandBench("grbl")
     bench.bench.force.connect = raising(ForceTimeout("no balance answers"))  # type: ignore[method-assign]
     with raises(BadInputError, "not_felt", problem="no balance answers"), bench.owner.begun():
@@ -316,7 +316,7 @@ def test_a_sensor_that_does_not_answer_begins_nothing() -> None:
 # --- zero ---
 
 
-def test_a_zero_that_fails_halfway_is_no_zero_on_record(make: Callable[..., HandBench]) -> None:
+def test_a_zero_that_fails_midway_erases_the_recorded_zero(make: Callable[..., HandBench]) -> None:
     """The sensor counts from elsewhere then, and from where nobody knows."""
     bench = make(zero=ForceZero(0.02, 0.0))
     bench.spring.offset_gwt = 0.02 / GWT_N
@@ -342,7 +342,7 @@ def test_a_zero_that_fails_halfway_is_no_zero_on_record(make: Callable[..., Hand
     assert bench.memory.read().zero is not None
 
 
-def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
+def test_a_sensor_that_refuses_to_zero_keeps_the_recorded_zero() -> None:
     settings, sensor = RigSettings(), StubSensor(VirtualClock(1.7e9))
     memory, sensing = BenchMemory(settings), Sensing(settings, sensor.clock, sensor)  # type: ignore[arg-type]
     memory.record_zero(ZERO)
@@ -357,7 +357,7 @@ def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
 # --- the log ---
 
 
-def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
+def test_every_manual_log_begins_with_the_wall_time_and_the_oldest_are_deleted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
@@ -382,7 +382,7 @@ def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
     assert len(numbers) >= 75
 
 
-def test_what_was_done_is_noted_beside_the_bytes(make: Callable[..., HandBench]) -> None:
+def test_the_manual_log_records_each_action_beside_the_bytes(make: Callable[..., HandBench]) -> None:
     bench = make()
 
     def person() -> Person:
@@ -398,7 +398,7 @@ def test_what_was_done_is_noted_beside_the_bytes(make: Callable[..., HandBench])
     assert did[0]["t_s"] < did[1]["t_s"] < did[2]["t_s"] < bench.clock.monotonic_s()
 
 
-def test_a_stop_that_the_stage_does_not_confirm_is_told_as_one(make: Callable[..., HandBench]) -> None:
+def test_a_stop_that_the_stage_does_not_confirm_is_reported_as_unconfirmed(make: Callable[..., HandBench]) -> None:
     def still_runs() -> None:
         raise StageError("x axis still runs")
 

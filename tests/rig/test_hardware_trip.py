@@ -93,7 +93,7 @@ def _pressed(config: Config, engine: Engine) -> None:
 
 
 @pytest.mark.parametrize(("stage", "name"), CASES)
-def test_a_set_point_that_is_not_the_configured_one_is_refused(
+def test_a_relay_set_point_other_than_the_configured_one_is_refused(
     stage: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = _config(stage, trip_input=name, trip_gwt=200.0)
@@ -104,7 +104,7 @@ def test_a_set_point_that_is_not_the_configured_one_is_refused(
             refuse_stop_inputs(_config(stage, trip_input=name, trip_gwt=other_gwt), bench)
 
 
-def test_a_button_pressed_while_the_relay_is_wired_is_the_button() -> None:
+def test_the_stop_button_is_told_apart_from_the_relay() -> None:
     config = _config("grbl", kind="board", input="door", trip_input="hold", trip_gwt=200.0)
     bench = _bench(config)
     engine = Engine(config, bench, NoJournal(), stop_inputs=stop_inputs_of(config, None))

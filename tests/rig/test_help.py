@@ -56,7 +56,7 @@ HOLDING_NUMBERS = [
 ]
 
 
-def test_a_number_has_its_unit_and_a_default_or_what_its_absence_means() -> None:
+def test_the_help_of_every_numeric_option_states_unit_and_default() -> None:
     for name in HOLDING_NUMBERS:
         option = OPTIONS[name]
         if not option.hidden:

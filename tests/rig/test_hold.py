@@ -60,7 +60,7 @@ def _law(doi_mm: float, from_gwt: float, to_gwt: float) -> float:
         (10.0, 10.05, 0.51, _law(0.51, 10.05, 9.925)),
     ],
 )
-def test_a_force_that_has_drifted_is_brought_back(
+def test_a_hold_corrects_a_drifted_force_by_a_small_move(
     target_gwt: float, shown_gwt: float, doi_mm: float, step_mm: float
 ) -> None:
     """The first reading of the hold shows it, the first move answers it."""
@@ -83,7 +83,7 @@ def test_a_force_that_has_drifted_is_brought_back(
         ((-0.15, 0.02, 0.08), True),
     ],
 )
-def test_neither_the_force_nor_its_mean_may_be_off_by_a_quarter_of_the_tolerance(
+def test_a_hold_corrects_force_or_mean_that_is_off_by_a_quarter_of_the_tolerance(
     off_gwt: tuple[float, ...], moves: bool, sign: int
 ) -> None:
     """10 gwt within 0.1, on a stage with steps of 0.0005 mm; what the last reading leads to."""
@@ -92,7 +92,7 @@ def test_neither_the_force_nor_its_mean_may_be_off_by_a_quarter_of_the_tolerance
     assert all(abs(step) > 0.0005 for step in made[:-2])
 
 
-def test_what_was_lost_since_the_last_move_counts_from_its_aim() -> None:
+def test_a_hold_counts_relaxation_from_the_aim_of_its_last_move() -> None:
     """9.95 gwt led to 10.075; 9.98 after that has lost 0.095 of it, on a mean that is 0.03 short."""
     first, read, second = _held(10.0, (9.95, 9.98, 9.98), 1.0, settings=FINE)
     assert first == pytest.approx(_law(1.0, 9.95, 10.075), abs=2e-6)
@@ -103,7 +103,7 @@ def test_what_was_lost_since_the_last_move_counts_from_its_aim() -> None:
 @pytest.mark.parametrize(
     ("target_gwt", "noise_gwt", "readings"), [(2.0, 0.0, 1), (2.0, 0.02, 3), (20.0, 0.1, 4), (2.0, 0.1, 25)]
 )
-def test_a_force_is_followed_by_the_mean_of_as_many_readings_as_it_takes(
+def test_a_hold_averages_as_many_readings_as_the_noise_requires(
     target_gwt: float, noise_gwt: float, readings: int
 ) -> None:
     """To a quarter of its tolerance, 0.0125 and 0.05 gwt; after a move as many new ones."""
@@ -113,7 +113,7 @@ def test_a_force_is_followed_by_the_mean_of_as_many_readings_as_it_takes(
     assert after[:2] == [readings, 2 * readings + 1]
 
 
-def test_a_depth_is_held_as_it_is_whatever_the_force_does() -> None:
+def test_a_hold_at_a_depth_makes_no_move_while_the_force_changes() -> None:
     bench, press = pressing(lambda bench: 5.0 - bench.clock.monotonic_s() / 100, 0.5)
     press.hold_at(Target("doi_mm", 0.5), hold=1, hold_s=3.0)
     assert bench.stage.moves == 0
@@ -136,7 +136,7 @@ def _two_holds() -> tuple[PlainBench, list[Hold]]:
     ]
 
 
-def test_a_hold_is_journalled_as_it_was() -> None:
+def test_a_hold_journals_target_duration_force_and_spread() -> None:
     bench, holds = _two_holds()
     starts, ends = bench.of("hold_start"), bench.of("hold_end")
     about: dict[str, Any] = {"index": 0, "target": "doi_mm"}

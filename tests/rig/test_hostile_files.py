@@ -128,7 +128,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("special", SPECIAL)
-def test_no_reader_opens_what_is_no_regular_file(here: Path, monkeypatch: pytest.MonkeyPatch, special: str) -> None:
+def test_no_reader_opens_a_file_that_is_not_regular(
+    here: Path, monkeypatch: pytest.MonkeyPatch, special: str
+) -> None:
     real, hung = os.open, []
 
     def open_(path: Any, *arguments: Any, **options: Any) -> int:
@@ -187,7 +189,9 @@ class _alarm:  # noqa: N801
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
-def test_a_file_that_grows_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_while_being_read_is_read_up_to_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "grows"
     path.write_bytes(b"a" * 5000)
     real = os.fstat
@@ -378,7 +382,7 @@ def _in_a_child(calls: list[Callable[[], object]]) -> list[tuple[str, float, flo
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory by /proc")
 @pytest.mark.quick(rows=lambda bomb: not bomb.startswith("1 GB"))
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_a_bomb_costs_little(tmp_path: Path, bomb: str) -> None:
+def test_a_decompression_bomb_is_refused_within_time_and_memory_limits(tmp_path: Path, bomb: str) -> None:
     make, readers, codes = BOMBS[bomb]
     made: dict[str, Path] = {}
     calls = []

@@ -35,7 +35,7 @@ def steers(text: str) -> list[str]:
 _STEERING = set(STEERING)
 
 
-def test_every_control_character_is_visible() -> None:
+def test_every_control_character_is_printed_as_a_visible_escape() -> None:
     assert [one for one in STEERING if printable(f"a{one}b") == f"a{one}b"] == ["\t", "\n"]
     assert [one for one in STEERING if steers(printable(one)) and one != "\t"] == []
     for text in ("plain", "µm ≤ 5 … 3 × 4", "Zoë 指 中指", "a\tb\nc", "1\u202f000"):
@@ -80,7 +80,9 @@ def _warning() -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_no_way_out_steers_the_terminal(capsys: pytest.CaptureFixture[str], way: str) -> None:
+def test_no_output_function_passes_control_characters_to_the_terminal(
+    capsys: pytest.CaptureFixture[str], way: str
+) -> None:
     WAYS[way]()
     found = capsys.readouterr()
     assert found.out or found.err
@@ -137,7 +139,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_command_steers_the_terminal(run: Path, program: Program, command: str) -> None:
+def test_no_command_passes_control_characters_to_the_terminal(run: Path, program: Program, command: str) -> None:
     Path("hostile.toml").write_text('["\\u001b[2J\\u202e"]\na = 1\n', encoding="utf-8")
     script = "def run(rig):\n    raise ValueError('\\x1b[2J\\u202e')\n"
     Path("hostile.py").write_text(script, encoding="utf-8")
@@ -150,7 +152,7 @@ def test_no_command_steers_the_terminal(run: Path, program: Program, command: st
         assert not [line for line in ended.out.splitlines() if line.startswith("rig: fine")]
 
 
-def test_pages_and_tables_hold_the_text_as_text(run: Path, program: Program, finger: Fingertip) -> None:
+def test_pages_and_tables_escape_hostile_text(run: Path, program: Program, finger: Fingertip) -> None:
     journal = run / "events.jsonl"
     lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
     first = next(n for n, line in enumerate(lines) if '"indentation_start"' in line)
@@ -163,7 +165,7 @@ def test_pages_and_tables_hold_the_text_as_text(run: Path, program: Program, fin
         assert len(file) > 0
 
 
-def test_a_stream_is_no_path(run: Path, program: Program) -> None:
+def test_export_refuses_a_stream_name_that_is_a_path(run: Path, program: Program) -> None:
     journal = run / "events.jsonl"
     rewrite(journal, lambda one: {**one, "stream": "../../note"} if one.get("stream") == "note" else one)
     ended = program("export", str(run), "--csv", "--json")

@@ -47,7 +47,7 @@ def _ended(options: str, unbuffered: str, out: int) -> tuple[int, str]:
     return process.returncode, err
 
 
-def test_ctrl_c_while_the_libraries_are_loaded() -> None:
+def test_ctrl_c_while_libraries_load_ends_the_program_in_one_line() -> None:
     """The signal comes while numpy is being looked for, which waits for it; typer has been loaded by then."""
     command = [sys.executable, "-c", f"{HELD_AT_NUMPY}\n{START}", "doctor", "--json"]
     pipe = subprocess.PIPE
@@ -64,7 +64,7 @@ def test_ctrl_c_while_the_libraries_are_loaded() -> None:
 
 
 @OUTPUTS
-def test_a_reader_that_has_gone_ends_it_silently(options: str, unbuffered: str) -> None:
+def test_a_closed_output_pipe_ends_the_program_without_a_message(options: str, unbuffered: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     try:
@@ -76,7 +76,7 @@ def test_a_reader_that_has_gone_ends_it_silently(options: str, unbuffered: str) 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a device without space (Linux)")
 @OUTPUTS
-def test_a_full_disk_is_said(options: str, unbuffered: str) -> None:
+def test_an_output_on_a_full_disk_ends_the_program_with_one_line(options: str, unbuffered: str) -> None:
     with Path("/dev/full").open("w") as full:
         code, err = _ended(options, unbuffered, full.fileno())
     begun, line = beside_progress(err).splitlines()
@@ -105,7 +105,7 @@ def _journal(out: Path) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("way", ["terminal", "SIGTERM"])
-def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
+def test_a_run_whose_terminal_closes_lifts_and_can_be_resumed(
     way: str, finger: Fingertip, program: Program, tmp_path: Path
 ) -> None:
     """In a hold: the master of its pseudo-terminal is closed, or the signal sent. Nobody is left to be told."""

@@ -118,7 +118,7 @@ def identified(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> t
     return _identify(tmp_path_factory.mktemp("identified"), finger, _truth(3))
 
 
-def test_it_ends_when_the_forces_are_known(identified: tuple[Identification, FinishedRun]) -> None:
+def test_an_identification_ends_when_the_forces_are_known(identified: tuple[Identification, FinishedRun]) -> None:
     identification, done = identified
     assert done.problem is None
     assert done.complete
@@ -131,7 +131,9 @@ def test_it_ends_when_the_forces_are_known(identified: tuple[Identification, Fin
         assert abs(identification.learned.mean[prior.index(name)] - _truth(3)[prior.index(name)]) < most
 
 
-def test_no_reading_passes_the_trip_of_its_press(identified: tuple[Identification, FinishedRun]) -> None:
+def test_no_reading_of_an_identification_passes_the_trip_of_its_press(
+    identified: tuple[Identification, FinishedRun],
+) -> None:
     identification, done = identified
     run = read_run(done.folder.path)
     for report in identification.reports:
@@ -140,7 +142,9 @@ def test_no_reading_passes_the_trip_of_its_press(identified: tuple[Identificatio
     assert identification.reports[0].surprise.measured_gwt < 0.3 * identification.options.most_gwt
 
 
-def test_a_press_is_read_back_as_it_was_journalled(identified: tuple[Identification, FinishedRun]) -> None:
+def test_an_identification_reads_a_press_back_from_the_journal(
+    identified: tuple[Identification, FinishedRun],
+) -> None:
     identification, done = identified
     run = read_run(done.folder.path)
     given = measured_press(run.events, 0, SETTINGS)
@@ -159,7 +163,7 @@ def test_a_press_is_read_back_as_it_was_journalled(identified: tuple[Identificat
     assert given.force_gwt[-1] == pytest.approx(samples[-1]["force_gwt"] - given.zero_gwt)
 
 
-def test_a_soft_finger_that_is_touched_as_deep_as_it_is_pressed_has_told_something(
+def test_an_identification_uses_the_hold_of_a_press_without_readings_on_the_way(
     identified: tuple[Identification, FinishedRun],
 ) -> None:
     run = read_run(identified[1].folder.path)
@@ -177,7 +181,7 @@ def test_a_soft_finger_that_is_touched_as_deep_as_it_is_pressed_has_told_somethi
     assert without("press", "hold") is None
 
 
-def test_a_reading_is_of_the_height_that_it_was_taken_at_however_late_the_cell(
+def test_a_late_reading_is_assigned_to_the_height_at_which_it_was_taken(
     identified: tuple[Identification, FinishedRun],
 ) -> None:
     run = read_run(identified[1].folder.path)
@@ -194,7 +198,9 @@ def test_a_reading_is_of_the_height_that_it_was_taken_at_however_late_the_cell(
     assert (old.trajectory.read_s < ready.trajectory.read_s).any()
 
 
-def test_what_a_rig_gives_is_taken_off_the_heights(identified: tuple[Identification, FinishedRun]) -> None:
+def test_identification_corrects_heights_for_the_compliance_of_the_rig(
+    identified: tuple[Identification, FinishedRun],
+) -> None:
     _, done = identified
     run = read_run(done.folder.path)
     calibration = SimpleNamespace(value=lambda key, otherwise: 0.5)
@@ -208,7 +214,7 @@ def test_what_a_rig_gives_is_taken_off_the_heights(identified: tuple[Identificat
     assert (higher >= 0).all()
 
 
-def test_the_file_reads_back_and_says_where_it_comes_from(
+def test_the_finger_file_reads_back_and_names_its_runs(
     identified: tuple[Identification, FinishedRun], tmp_path: Path
 ) -> None:
     identification, done = identified
@@ -233,7 +239,7 @@ def test_the_file_reads_back_and_says_where_it_comes_from(
 
 
 @pytest.mark.parametrize(("off", "wider"), [(0.3, 1.0), (1.0, 1.0), (4.0, 2.0)])
-def test_a_band_is_wider_where_readings_are_farther_off_than_usual(
+def test_the_band_widens_when_readings_fit_worse_than_usual(
     identified: tuple[Identification, FinishedRun], off: float, wider: float
 ) -> None:
     assert Identification(SETTINGS, FORESEEN, IdentificationOptions(GOALS)).own_error == course.MODEL_ERROR
@@ -271,7 +277,7 @@ def test_an_identification_is_not_resumed(
     assert {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"} == there
 
 
-def test_a_press_that_is_refused_before_it_begins_is_not_taken_for_the_one_before(
+def test_a_refused_press_is_not_counted_as_measured(
     finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(self: Rig, **_: float) -> None:
@@ -284,7 +290,7 @@ def test_a_press_that_is_refused_before_it_begins_is_not_taken_for_the_one_befor
     assert not identification.measured
 
 
-def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kept(
+def test_a_finger_harder_than_the_prior_ends_the_identification_within_its_trips(
     finger: Fingertip, tmp_path: Path
 ) -> None:
     identification, done = _identify(tmp_path, finger, _truth(3), most_gwt=1.5)
@@ -293,7 +299,7 @@ def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kep
     assert all(report.surprise.measured_gwt <= 1.05 * report.trip_gwt for report in identification.reports)
 
 
-def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
+def test_an_identification_names_the_quantities_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
     identification, done = _identify(
         tmp_path, finger, _truth(3), IdentificationOptions(GOALS, width=0.01, presses=2, shapes=("sphere:4",))
     )
@@ -317,7 +323,7 @@ def usual(finger: Fingertip) -> ExpectedDuration:
 # --- shapes that a finger cannot be pressed with ---
 
 
-def test_an_impossible_shape_is_left_out_and_goals_are_as_deep_as_the_finger_allows() -> None:
+def test_identification_omits_an_impossible_shape_and_limits_goals_to_the_possible_depth() -> None:
     usual = IdentificationOptions(usual_goals(course.SHAPES), shapes=("sphere:4", "bar:3.0"))
     shallow = made_up(deepest_mm=0.5)
     found = possible(usual, shallow, {"bar:3.0": "the rim", "sphere:6": "the rim"}, own_goals=True)
@@ -331,7 +337,7 @@ def test_an_impossible_shape_is_left_out_and_goals_are_as_deep_as_the_finger_all
 @pytest.mark.parametrize(
     ("refused", "own_goals"), [(("sphere:4", "bar:3.0"), True), (("cylinder:9",), False), (("bar:3.0",), False)]
 )
-def test_nothing_is_pressed_if_no_shape_is_left_or_a_requested_force_is_impossible(
+def test_identification_is_refused_if_no_shape_is_left_or_a_requested_force_is_impossible(
     refused: tuple[str, ...], own_goals: bool
 ) -> None:
     options = IdentificationOptions(GOALS, shapes=("sphere:4", "bar:3.0"))
@@ -342,7 +348,7 @@ def test_nothing_is_pressed_if_no_shape_is_left_or_a_requested_force_is_impossib
 # --- random fingers ---
 
 
-def test_a_random_finger_is_its_seed_and_leaves_the_bench_alone() -> None:
+def test_a_random_finger_depends_on_its_seed_alone_and_leaves_limits_and_mesh_unchanged() -> None:
     truth = truth_of(7)
     assert truth == truth_of(7)
     assert truth != truth_of(8)
@@ -361,7 +367,7 @@ def test_a_random_finger_is_its_seed_and_leaves_the_bench_alone() -> None:
     assert bench.finger.mesh == Config().finger.mesh
 
 
-def test_its_touch_is_above_the_noise_and_no_less_than_configured() -> None:
+def test_identification_raises_the_touch_force_above_the_noise() -> None:
     for set_gwt, used_gwt in ((0.03, 0.1), (0.1, 0.1), (0.4, 0.4)):
         config = Config().model_copy(
             update={"habits": Config().habits.model_copy(update={"touch_force_gwt": set_gwt})}

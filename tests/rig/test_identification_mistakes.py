@@ -46,7 +46,9 @@ def _one_line(program: Program, *words: str) -> str:
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_line_and_nothing_begins(program: Program, name: str) -> None:
+def test_a_wrong_argument_of_identify_or_serve_prints_one_line_and_nothing_begins(
+    program: Program, name: str
+) -> None:
     words, reason = MISTAKES[name]
     assert reason in _one_line(program, *words)
 
@@ -58,12 +60,12 @@ def listener() -> Iterator[int]:
         yield server.getsockname()[1]
 
 
-def test_a_port_that_is_in_use_is_named(program: Program, listener: int) -> None:
+def test_serve_names_a_tcp_port_that_is_in_use(program: Program, listener: int) -> None:
     said = _one_line(program, "serve", "--random-finger", "7", "--tcp", str(listener))
     assert f"TCP port {listener}: address already in use" in said
 
 
-def test_a_server_that_does_not_answer_is_named_before_anything_is_computed(
+def test_identify_names_a_server_that_does_not_answer_before_it_computes(
     program: Program, listener: int, tmp_path: Path
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:

@@ -28,7 +28,7 @@ def _nothing(what: str, function: Callable[[Any], Any], items: Sequence[Any], /)
     return ()
 
 
-def test_the_first_identification_of_a_default_finger_waits_for_no_table(
+def test_the_first_identification_of_a_default_finger_builds_no_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
@@ -39,9 +39,7 @@ def test_the_first_identification_of_a_default_finger_waits_for_no_table(
 @pytest.mark.parametrize(
     ("shape", "stiffening"), [(shape, 0.3 * (n % 2)) for n, shape in enumerate(WANTED.indentors)]
 )
-def test_a_table_that_comes_with_the_program_is_near_direct_presses(
-    finger: Fingertip, shape: str, stiffening: float
-) -> None:
+def test_every_shipped_force_table_is_near_direct_presses(finger: Fingertip, shape: str, stiffening: float) -> None:
     """At moduli, places and depths between its nodes; its own error, an rms of six presses, is with it: of one press
     three times that is allowed."""
     table = shipped(shape, _predicted().scope)
@@ -58,7 +56,7 @@ def test_a_table_that_comes_with_the_program_is_near_direct_presses(
     assert table.touch_mm[3] == pytest.approx(finger.touch_height_mm(shape, x) - finger.apex_height_mm, abs=2e-5)
 
 
-def test_another_finger_another_shape_or_a_wider_scope_has_none() -> None:
+def test_no_shipped_table_is_used_for_another_finger_shape_or_wider_scope() -> None:
     other, scope = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7))), _predicted().scope
     assert other._shipped("bar:3.0") is None
     assert _predicted()._shipped("bar:3.0") is not None

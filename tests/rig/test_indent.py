@@ -48,7 +48,7 @@ def _drops_below_clearance(bench: Any) -> list[float]:
 
 
 @pytest.mark.parametrize("doi_mm", [0.02, 0.33, 1.5])
-def test_a_depth_is_reached_to_a_step(spring: Make, doi_mm: float) -> None:
+def test_indent_reaches_a_depth_within_one_motor_step(spring: Make, doi_mm: float) -> None:
     bench = spring()
     done = indent(bench.ready(), Target("doi_mm", doi_mm), hold_s=0.2)
     assert done.holds[0].doi_mm == pytest.approx(doi_mm, abs=0.0025)
@@ -59,7 +59,7 @@ def test_a_depth_is_reached_to_a_step(spring: Make, doi_mm: float) -> None:
     assert end["force_gwt"] == pytest.approx(6.0 * end["true_doi_mm"] ** 1.5, abs=0.006)
 
 
-def test_four_increments_give_four_holds(spring: Make) -> None:
+def test_an_indentation_in_four_increments_has_four_holds(spring: Make) -> None:
     bench = spring()
     done = indent(bench.ready(), Target("doi_mm", 1.0), increments=4, hold_s=0.2)
     assert [hold.doi_mm for hold in done.holds] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=0.0025)
@@ -74,7 +74,7 @@ def test_four_increments_give_four_holds(spring: Make) -> None:
 
 
 @pytest.mark.parametrize("hold_s", [0.0, 0.05, 2.5, 1.0])
-def test_a_hold_lasts_as_long_as_was_asked_or_a_second(spring: Make, hold_s: float) -> None:
+def test_a_hold_lasts_as_long_as_requested_and_one_second_by_default(spring: Make, hold_s: float) -> None:
     bench = spring()
     indent(bench.ready(), Target("doi_mm", 0.5), **({} if hold_s == 1.0 else {"hold_s": hold_s}))
     end = bench.of("hold_end")[0]
@@ -100,7 +100,9 @@ def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) 
     force_gwt=st.floats(0.2, 5.0),
 )
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_spring_any_force(spring: Make, k_gwt: float, contact_mm: float, force_gwt: float) -> None:
+def test_indent_reaches_any_force_on_any_spring_within_tolerance(
+    spring: Make, k_gwt: float, contact_mm: float, force_gwt: float
+) -> None:
     depth_mm = (force_gwt / k_gwt) ** (2 / 3)
     # Within reach, and not so stiff that one step of the stage is more than the tolerance is wide.
     assume(depth_mm < 1.4 and 1.5 * force_gwt / depth_mm * 0.0025 < 0.03)
@@ -114,7 +116,9 @@ def test_any_spring_any_force(spring: Make, k_gwt: float, contact_mm: float, for
 
 
 @pytest.mark.parametrize(("output", "on", "off"), [("coolant", "M8", "M9"), ("spindle", "M3", "M5")])
-def test_sync_pulses_at_contact_hold_start_and_hold_end(spring: Make, output: str, on: str, off: str) -> None:
+def test_a_board_output_pulses_at_contact_hold_start_and_hold_end(
+    spring: Make, output: str, on: str, off: str
+) -> None:
     bench = spring(settings=RigSettings.model_validate({"sync": {"output": output, "width_s": 0.02}}))
     indent(bench.ready(), Target("force_gwt", 2.0), increments=2, hold_s=0.2)
     pulses = bench.of("sync")
@@ -129,7 +133,7 @@ def test_sync_pulses_at_contact_hold_start_and_hold_end(spring: Make, output: st
 
 
 @pytest.mark.parametrize("broken", [True, False])
-def test_an_output_that_fails_stops_the_stage(broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sync_output_that_fails_stops_the_stage(broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it is to rise or to fall."""
 
     def fails(on: bool) -> None:
@@ -147,13 +151,13 @@ def test_an_output_that_fails_stops_the_stage(broken: bool, monkeypatch: pytest.
 
 @pytest.mark.parametrize("purpose", ["data", "precondition", "reference", "find"])
 @pytest.mark.parametrize("output", ["off", "coolant"])
-def test_a_pulse_is_of_data_only_and_only_where_there_is_an_output(purpose: Purpose, output: str) -> None:
+def test_sync_pulses_mark_data_presses_only_and_need_an_output(purpose: Purpose, output: str) -> None:
     bench = _plain(settings={"sync": {"output": output}})
     pulse(bench.ready(), PressId(0, purpose), "touch")
     assert bool(bench.of("sync")) == bool(bench.stage.outputs) == ((purpose, output) == ("data", "coolant"))
 
 
-def test_a_rig_that_gives_presses_that_much_farther(spring: Make) -> None:
+def test_a_compliant_rig_travels_farther_by_its_own_deflection(spring: Make) -> None:
     """0.5 mm/N: at some 2.5 gwt, 25 mN, the stage goes 12 µm farther for the same depth."""
     given = {"value": 0.5, "date": "2026-01-01", "expires": "2027-01-01"}
     bench = spring(settings=RigSettings.model_validate({"calibration": {"compliance_mm_per_n": given}}))
@@ -190,7 +194,7 @@ def _plain(felt: Felt = _finger, settings: dict[str, Any] | None = None, **optio
         (-0.25, 0.35, "contact_too_high", {"highest_mm": 0.25}),
     ],
 )
-def test_contact_is_expected_within_search_mm_of_where_the_model_says(
+def test_contact_outside_search_mm_of_its_predicted_height_trips(
     touch: bool, expected_mm: float, contact_mm: float, code: str, fields: dict[str, float]
 ) -> None:
     bench = _plain(lambda bench: bench.hertz(6.0, contact_mm))
@@ -222,7 +226,7 @@ def _pause_once(bench: PlainBench, phase: str, readings: int = 3) -> list[int]:
 
 
 @pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
-def test_a_paused_indentation_is_done_anew_under_its_number(phase: str) -> None:
+def test_a_paused_indentation_starts_again_under_its_number(phase: str) -> None:
     bench = _plain()
     engine = bench.ready()
     asked = _pause_once(bench, phase)
@@ -234,7 +238,7 @@ def test_a_paused_indentation_is_done_anew_under_its_number(phase: str) -> None:
     assert engine.next_index() == 1
 
 
-def test_what_is_done_anew_after_a_pause_has_the_same_limit_of_pressure() -> None:
+def test_an_indentation_repeated_after_a_pause_keeps_its_pressure_limit() -> None:
     """300 kPa over 0.1 mm² are 3.06 gwt."""
     bench = _plain()
     engine = bench.ready()
@@ -244,7 +248,7 @@ def test_what_is_done_anew_after_a_pause_has_the_same_limit_of_pressure() -> Non
     assert len(bench.of("indentation_start")) == 2
 
 
-def test_a_paused_touch_is_done_anew() -> None:
+def test_a_paused_touch_starts_again() -> None:
     bench = _plain(lambda bench: round(bench.hertz(7.3, CONTACT_MM), 2))
     engine = bench.ready()
     asked = _pause_once(bench, "touch")
@@ -257,7 +261,7 @@ def test_a_paused_touch_is_done_anew() -> None:
 
 
 @pytest.mark.parametrize("touch", [False, True])
-def test_a_finger_that_was_touched_for_too_long_is_let_go(touch: bool) -> None:
+def test_a_press_that_exceeds_the_contact_time_lifts(touch: bool) -> None:
     """0.2 s are over in the touch-off; what was counted before this part of the run counts too."""
     bench = _plain(settings={"limits": {"max_contact_s": 100.0}}, contact_s=99.8)
     engine = bench.ready()
@@ -290,7 +294,7 @@ def _homed_again(bench: PlainBench) -> None:
     ],
 )
 @pytest.mark.parametrize("press", ["indent", "touch", "compliance"])
-def test_nothing_is_pressed_unless_mounted_placed_and_clear(
+def test_no_press_begins_unless_an_indentor_is_mounted_placed_and_clear(
     spoil: Callable[[PlainBench], None], code: str, fields: dict[str, str], press: str
 ) -> None:
     bench = _plain()
@@ -312,7 +316,7 @@ def _press(bench: PlainBench, press: str) -> None:
 
 
 @pytest.mark.parametrize("press", ["indent", "touch", "compliance"])
-def test_nothing_is_pressed_unless_zeroed_or_once_the_finger_was_touched_for_too_long(press: str) -> None:
+def test_no_press_begins_without_a_zero_or_after_the_longest_contact_time(press: str) -> None:
     bench = _plain()
     verbs.mount(bench.engine, "bar:3.0")
     verbs.home(bench.engine)
@@ -342,7 +346,7 @@ def _found(*gwt: float) -> Indentation:
     [((2.28, 4.0), 0.14), ((2.0, 3.44), -0.14), ((2.32, 3.9), 0.16), ((2.1, 3.36), -0.16)],
 )
 @pytest.mark.parametrize("resumed", [False, True])
-def test_a_reference_is_compared_with_the_first_one(
+def test_a_reference_press_is_compared_with_the_first_one(
     now_gwt: tuple[float, ...], deviation: float, resumed: bool
 ) -> None:
     """The hold that is farthest off counts, limits.reference_band = 0.15 is what it may be off by."""

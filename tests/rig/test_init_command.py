@@ -72,7 +72,7 @@ def _options(**changed: str | None) -> list[str]:
 # --- the file ---
 
 
-def test_what_is_found_and_answered_is_written_with_comments_and_the_next_command_is_named(rig_init: Init) -> None:
+def test_init_writes_a_commented_configuration_and_names_the_next_command(rig_init: Init) -> None:
     ended = rig_init("--yes", *_options())
     assert ended.code == 0, ended.err
     assert ended.out.splitlines()[-1] == "next: rig doctor --config rig.toml"
@@ -99,7 +99,9 @@ def test_what_is_found_and_answered_is_written_with_comments_and_the_next_comman
 @pytest.mark.parametrize(
     ("travel", "steps"), [("60,30,40", "none"), ("200,100,80", "400,400,-400"), ("20,20,12", "250,250,800")]
 )
-def test_every_answer_gives_a_file_without_problems(rig_init: Init, travel: str, steps: str, finger: str) -> None:
+def test_every_allowed_answer_of_init_gives_a_configuration_without_problems(
+    rig_init: Init, travel: str, steps: str, finger: str
+) -> None:
     """Also of a small stage: the frame lies within its travel."""
     ended = rig_init("--yes", *_options(travel_mm=travel, steps_per_mm=steps, finger=finger))
     assert ended.code == 0, ended.err
@@ -110,7 +112,7 @@ def test_every_answer_gives_a_file_without_problems(rig_init: Init, travel: str,
 
 
 @pytest.mark.parametrize("words", [("--stage-port", SILENT), ("--stage", "standa", "--stage-port", SILENT)])
-def test_serial_numbers_of_controllers_are_written_for_their_axes(rig_init: Init, words: tuple[str, ...]) -> None:
+def test_init_writes_the_serial_number_of_each_standa_controller(rig_init: Init, words: tuple[str, ...]) -> None:
     """Of ports whose names may change, the driver refuses those without."""
     z, x = (PortFound(port, STANDA, f"controller {n}", serial=n) for port, n in ((SILENT, 12), (STAGE, 34)))
     ended = rig_init("--yes", *words, *_options(), found=(x, z, BOTH[1]))
@@ -123,7 +125,7 @@ def test_serial_numbers_of_controllers_are_written_for_their_axes(rig_init: Init
     assert (own.z.serial, own.x.serial) == (12, None)
 
 
-def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
+def test_init_replaces_an_existing_file_only_with_replace(rig_init: Init) -> None:
     Path("rig.toml").write_text("mine", encoding="utf-8")
     ended = rig_init("--yes", "--json", *_options())
     assert (ended.code, ended.error_code) == (2, "exists_already")
@@ -132,7 +134,7 @@ def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
     assert load_config(Path("rig.toml")).stage.port == STAGE
 
 
-def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
+def test_init_keeps_a_file_that_appears_meanwhile(tmp_path: Path) -> None:
     there = tmp_path / "rig.toml"
     there.write_text("mine", encoding="utf-8")
     with raises(BadInputError, "exists_already"):
@@ -144,7 +146,7 @@ def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.name)
-def test_without_a_terminal_the_missing_answer_is_named(rig_init: Init, question: Any) -> None:
+def test_init_without_a_terminal_names_the_missing_answer(rig_init: Init, question: Any) -> None:
     for words in ((), ("--yes",)):
         ended = rig_init("--json", *words, *_options(**{question.name: None}))
         assert (ended.code, ended.error_code) == (2, "answers_missing")
@@ -165,7 +167,9 @@ def test_without_a_terminal_the_missing_answer_is_named(rig_init: Init, question
         ({"finger": "thumb"}, "unknown_finger"),
     ],
 )
-def test_the_configuration_itself_refuses_an_answer(rig_init: Init, changed: dict[str, str], code: str) -> None:
+def test_init_refuses_an_answer_that_the_configuration_forbids(
+    rig_init: Init, changed: dict[str, str], code: str
+) -> None:
     ended = rig_init("--yes", "--json", *_options(**changed))
     assert (ended.code, ended.error_code) == (2, code)
     assert os.listdir() == []
@@ -184,7 +188,7 @@ def test_the_configuration_itself_refuses_an_answer(rig_init: Init, changed: dic
         (("--port", "tcp://no"), BOTH, "no_port_name"),
     ],
 )
-def test_devices_that_are_swapped_or_others_are_noticed_before_anything_is_written(
+def test_init_refuses_swapped_or_wrong_devices_and_writes_nothing(
     rig_init: Init, words: tuple[str, ...], found: tuple[PortFound, ...], code: str
 ) -> None:
     ended = rig_init("--yes", "--json", *words, *_options(), found=found)
@@ -192,7 +196,7 @@ def test_devices_that_are_swapped_or_others_are_noticed_before_anything_is_writt
     assert os.listdir() == []
 
 
-def test_ports_that_do_not_answer_are_taken_as_given_with_a_warning(rig_init: Init) -> None:
+def test_init_accepts_a_port_that_does_not_answer_with_a_warning(rig_init: Init) -> None:
     words = ("--stage", "leadshine", "--stage-port", STAGE, "--sensor", "laumas", "--sensor-port", SENSOR)
     problem = PortFound(STAGE, problem=TransportError("no permission", "no_permission"))
     ended = rig_init("--yes", *words, *_options(), found=(problem,))
@@ -208,7 +212,7 @@ def test_ports_that_do_not_answer_are_taken_as_given_with_a_warning(rig_init: In
         ((PortFound(STAGE, GRBL, problem=StageError("older than 1.1", "old_firmware")), BOTH[1]), "older than 1.1"),
     ],
 )
-def test_a_device_that_is_there_and_cannot_be_used_is_taken_with_a_warning(
+def test_init_accepts_a_device_that_cannot_be_used_yet_with_a_warning(
     rig_init: Init, found: tuple[PortFound, ...], shown: str
 ) -> None:
     """It may be set right later."""
@@ -221,7 +225,7 @@ def test_a_device_that_is_there_and_cannot_be_used_is_taken_with_a_warning(
 # --- questions at a terminal ---
 
 
-def test_an_empty_line_is_the_default_and_a_wrong_one_is_asked_again(rig_init: Init) -> None:
+def test_init_takes_the_default_for_an_empty_line_and_repeats_a_question(rig_init: Init) -> None:
     ended = rig_init(typed="60,30\n\n\n\n\n\n")
     assert ended.code == 0, ended.err
     config = load_config(Path("rig.toml"))
@@ -231,7 +235,7 @@ def test_an_empty_line_is_the_default_and_a_wrong_one_is_asked_again(rig_init: I
     assert ended.err.count("rig: ") == 1
 
 
-def test_the_end_of_input_writes_nothing(rig_init: Init) -> None:
+def test_init_writes_nothing_when_the_input_ends(rig_init: Init) -> None:
     ended = rig_init(typed="60,30,40\n")
     assert (ended.code, os.listdir()) == (130, [])
 
@@ -239,7 +243,9 @@ def test_the_end_of_input_writes_nothing(rig_init: Init) -> None:
 # --- ports ---
 
 
-def test_a_port_in_use_is_left_alone_and_its_owner_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_probing_a_port_in_use_sends_nothing_and_names_its_owner(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     port = tmp_path / "port"
     port.touch()
 
@@ -257,7 +263,7 @@ def test_a_port_in_use_is_left_alone_and_its_owner_is_named(monkeypatch: pytest.
     assert (found.as_json()["owner"], found.as_json()["code"]) == (os.getpid(), "in_use")
 
 
-def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_probing_a_port_tries_device_kinds_in_order_until_one_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Boards first: they act on single bytes. What cannot be opened is asked no more."""
     asked: list[str] = []
 
@@ -279,7 +285,7 @@ def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPa
     assert (asked, problem is not None and problem.code) == (["grbl"], "no_permission")
 
 
-def test_a_port_is_named_so_that_it_survives_replugging(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_serial_port_is_named_by_its_stable_link(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     device, links = tmp_path / "ttyUSB3", tmp_path / "by-id"
     device.touch()
     monkeypatch.setattr(finding, "BY_ID", links)

@@ -65,7 +65,9 @@ MOTIONS: dict[str, Callable[[Bench], None]] = {"move": _move, "jog": _jog}
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", OVERRIDES)
-def test_an_override_is_named_at_the_next_look(bench: Bench, motion: str, what: str) -> None:
+def test_a_speed_override_at_the_controller_is_reported_at_the_next_poll(
+    bench: Bench, motion: str, what: str
+) -> None:
     """Not by a timeout while the board goes on, and not after the press is over."""
     data, changed = OVERRIDES[what]
     at_s = bench.later(1.05, data)
@@ -76,7 +78,7 @@ def test_an_override_is_named_at_the_next_look(bench: Bench, motion: str, what: 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", HOLDS)
-def test_a_held_board_is_named_at_the_next_look(bench: Bench, motion: str, what: str) -> None:
+def test_a_hold_at_the_controller_is_reported_at_the_next_poll(bench: Bench, motion: str, what: str) -> None:
     data, state = HOLDS[what]
     if motion != "move" and what == "a hold":
         pytest.skip("a hold during a jog is a jog cancel: the board is Idle again, not held")
@@ -87,7 +89,7 @@ def test_a_held_board_is_named_at_the_next_look(bench: Bench, motion: str, what:
 
 
 @pytest.mark.parametrize(("data", "factor"), [(b"\x91" * 10, 2.0), (b"\x92" * 9, 0.1)])
-def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: bytes, factor: float) -> None:
+def test_a_stage_at_an_overridden_speed_moves_for_at_most_two_polls(bench: Bench, data: bytes, factor: float) -> None:
     """Twice the speed for two looks at most. Then the stage is stopped, as the engine does."""
     bench.later(1.05, data)
     depth: list[float] = []
@@ -102,7 +104,7 @@ def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: 
     assert depth[0] - bench.x_mm() == gone_mm, "it stands"
 
 
-def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(bench: Bench) -> None:
+def test_after_a_speed_override_no_motion_starts_until_a_reset_or_connection(bench: Bench) -> None:
     bench.later(0.5, b"\x91")
     with raises(StageOverridden, "overridden", feed_percent=110):
         _move(bench)
@@ -122,7 +124,7 @@ def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(
 
 
 @pytest.mark.parametrize("at_s", [0.3, 0.8, 1.9])
-def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Bench, at_s: float) -> None:
+def test_a_jog_cut_short_at_the_controller_is_an_error_with_the_missing_distance(bench: Bench, at_s: float) -> None:
     """A feed hold in a jog cancels what was told so far: the way is shorter by that, a caliper misled."""
     bench.later(at_s, b"!")
     with raises(StageError, "jog_cut_short") as caught:
@@ -137,7 +139,7 @@ CYCLE_S = [0.6 + 0.0083 * i for i in range(13)]
 
 
 @pytest.mark.parametrize("after_s", CYCLE_S)
-def test_an_open_door_is_named_during_a_jog(bench: Bench, after_s: float) -> None:
+def test_an_open_door_during_a_jog_is_reported(bench: Bench, after_s: float) -> None:
     at_s = bench.later(after_s, b"\x84")
     with raises(StageHeld, "held", who="stage: "):
         _jog(bench)
@@ -150,7 +152,7 @@ def test_an_open_door_is_named_during_a_jog(bench: Bench, after_s: float) -> Non
 
 @pytest.mark.parametrize("motion", [*MOTIONS, "output", "home"])
 @pytest.mark.parametrize("what", HOLDS)
-def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, motion: str) -> None:
+def test_a_motion_at_a_held_board_is_refused_at_the_first_poll_and_never_runs_later(what: str, motion: str) -> None:
     """It reads no line: an `ok` used to be waited for, and the line carried out when somebody let go."""
     bench = Bench(output="coolant")
     data, state = HOLDS[what]
@@ -170,7 +172,7 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     assert bench.x_mm() == at_mm
 
 
-def test_homing_at_another_speed_is_refused_before_the_position_is_given_up(bench: Bench) -> None:
+def test_homing_under_a_speed_override_is_refused_and_keeps_the_position(bench: Bench) -> None:
     bench.line.host_write(b"\x91")
     bench.clock.wait_s(0.01)
     for _ in range(2):
@@ -182,7 +184,7 @@ def test_homing_at_another_speed_is_refused_before_the_position_is_given_up(benc
 
 
 @pytest.mark.parametrize("data", [b"\x91", b"\x92\x92", b"\x97"])
-def test_a_halt_brings_the_board_to_rest_at_full_speed_again(bench: Bench, data: bytes) -> None:
+def test_a_halt_resets_speed_overrides(bench: Bench, data: bytes) -> None:
     """Also one that keeps its overrides through a reset: they are ended by themselves, before it."""
     bench.later(1.05, data)
     with raises(StageOverridden, "overridden"):

@@ -56,7 +56,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Terminal]:
 
 
 @pytest.mark.parametrize("number", GENTLE, ids=lambda number: number.name)
-def test_the_first_signal_asks_for_a_pause_and_says_so_and_ctrl_c_then_stops_at_once(
+def test_the_first_signal_requests_a_pause_and_a_following_ctrl_c_stops_at_once(
     number: signal.Signals, terminal: Callable[..., Terminal]
 ) -> None:
     screen = terminal("")
@@ -70,7 +70,7 @@ def test_the_first_signal_asks_for_a_pause_and_says_so_and_ctrl_c_then_stops_at_
 
 @pytest.mark.parametrize("enter", [at_a_safe_point, at_once])
 @pytest.mark.parametrize("how", ["badly", "paused"])
-def test_afterwards_every_signal_does_what_it_did_before(
+def test_every_signal_handler_is_restored_after_a_run(
     enter: Callable[[], AbstractContextManager[object]], how: str, mine: dict[signal.Signals, Callable[..., None]]
 ) -> None:
     try:
@@ -97,7 +97,7 @@ def test_afterwards_every_signal_does_what_it_did_before(
         ("\n", True, False, False),
     ],
 )
-def test_it_goes_on_when_somebody_at_the_terminal_says_so(
+def test_a_paused_run_continues_only_on_enter_at_a_terminal(
     terminal: Callable[..., Terminal], typed: str, keyboard: bool, screen: bool, goes_on: bool
 ) -> None:
     shown = terminal(typed, keyboard=keyboard, screen=screen)
@@ -108,7 +108,7 @@ def test_it_goes_on_when_somebody_at_the_terminal_says_so(
     assert ("press Enter to continue, Ctrl-C to end the run" in shown.getvalue()) is (keyboard and screen)
 
 
-def test_after_it_went_on_a_signal_asks_for_a_pause_again(terminal: Callable[..., Terminal]) -> None:
+def test_after_continuing_a_signal_requests_a_pause_again(terminal: Callable[..., Terminal]) -> None:
     terminal("\n\n")
     with at_a_safe_point() as pause:
         for _ in range(2):
@@ -136,7 +136,7 @@ def _standard_streams(path: Path) -> Iterator[None]:
             os.close(was)
 
 
-def test_a_terminal_that_goes_away_asks_for_an_end_and_nothing_is_written_to_it_any_more(
+def test_a_terminal_that_closes_requests_an_end_and_receives_no_more_output(
     tmp_path: Path, terminal: Callable[..., Terminal]
 ) -> None:
     terminal("\n")
@@ -155,7 +155,7 @@ def test_a_terminal_that_goes_away_asks_for_an_end_and_nothing_is_written_to_it_
     assert goes_on is False  # whatever a keyboard says
 
 
-def test_a_run_that_was_told_not_to_mind_goes_on_without_its_terminal() -> None:
+def test_a_run_under_nohup_continues_without_its_terminal() -> None:
     """`nohup`."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with at_a_safe_point() as pause:
@@ -165,7 +165,7 @@ def test_a_run_that_was_told_not_to_mind_goes_on_without_its_terminal() -> None:
 
 
 @pytest.mark.parametrize("enter", [at_a_safe_point, at_once])
-def test_where_terminals_send_no_signal_ctrl_c_works_all_the_same(
+def test_ctrl_c_pauses_a_run_on_a_system_without_sighup(
     enter: Callable[[], AbstractContextManager[object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Windows has neither SIGHUP nor what `rig stop` sends."""
@@ -180,7 +180,7 @@ def test_where_terminals_send_no_signal_ctrl_c_works_all_the_same(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
-def test_who_works_by_hand_is_asked_to_leave_first_and_made_to_by_the_next_signal(
+def test_the_first_signal_asks_a_manual_session_to_leave_and_the_second_interrupts_it(
     number: signal.Signals, mine: dict[signal.Signals, Callable[..., None]]
 ) -> None:
     """`rig stop` is left to whoever looks after it."""

@@ -41,7 +41,7 @@ class Bench:
         return (self.board.carriage_steps_at(t_s)[0] - self.zero) / 400
 
 
-def test_a_distance_is_kept_to_a_step() -> None:
+def test_a_jog_covers_its_distance_within_one_motor_step() -> None:
     bench = Bench()
     jog(bench.stage, bench.clock, LEFT, 1.2345, 3.0)
     assert bench.stage.status().x_mm == pytest.approx(-1.2345, abs=0.0025)
@@ -64,7 +64,7 @@ def test_an_interrupt_ends_a_jog_at_once(monkeypatch: pytest.MonkeyPatch) -> Non
     assert -3.5 < bench.x_mm() < -1.0
 
 
-def test_a_wire_that_is_cut_leaves_one_jog_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_jog_whose_wire_is_cut_ends_at_its_own_distance(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
     cut_s, write = bench.clock.monotonic_s() + 0.3, bench.wire.write
 
@@ -79,7 +79,7 @@ def test_a_wire_that_is_cut_leaves_one_jog_at_most(monkeypatch: pytest.MonkeyPat
     assert bench.x_mm(1e9) == pytest.approx(-MOST_MM, abs=0.003)
 
 
-def test_the_end_of_the_travel_is_refused() -> None:
+def test_a_jog_beyond_the_travel_is_refused() -> None:
     bench = Bench()
     with raises(StageRejected, "line_refused"):
         jog(bench.stage, bench.clock, Direction("x", +1), 5.0, 1.0)
@@ -99,14 +99,14 @@ class Scripted(StubStage):
 
 
 @pytest.mark.parametrize("state", ["Hold:0", "Door:1"])
-def test_a_held_board_gets_no_jog(state: str) -> None:
+def test_no_jog_is_sent_to_a_board_in_hold(state: str) -> None:
     stage = Scripted(state)
     with raises(StageHeld, "held"):
         jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
     assert stage.told == []
 
 
-def test_a_start_that_is_reported_in_two_ways_is_no_start() -> None:
+def test_a_jog_from_a_position_that_still_changes_is_refused() -> None:
     stage = Scripted()
     status, looks = stage.status, iter([0.0, 0.2])
     stage.status = lambda: replace(status(), x_mm=next(looks))  # type: ignore[method-assign]
@@ -116,7 +116,7 @@ def test_a_start_that_is_reported_in_two_ways_is_no_start() -> None:
 
 
 @pytest.mark.parametrize(("short_mm", "stopped"), [(0.0054, False), (0.0056, True), (0.5, True)])
-def test_a_stage_that_rests_short_of_its_target_was_stopped(short_mm: float, stopped: bool) -> None:
+def test_a_jog_that_rests_short_of_its_target_is_an_error(short_mm: float, stopped: bool) -> None:
     """By more than a step, 0.0025 mm, and what a board prints."""
     stage = Scripted(short_mm=short_mm)
     if not stopped:
@@ -126,7 +126,7 @@ def test_a_stage_that_rests_short_of_its_target_was_stopped(short_mm: float, sto
         jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
 
 
-def test_a_stage_that_leaves_its_way_is_stopped() -> None:
+def test_a_jog_that_leaves_its_path_is_stopped() -> None:
     stage = Scripted(aside_mm=0.1)
     with raises(StrayedError, "off_its_way"):
         jog(stage, stage.clock, LEFT, 1.0, 1.0)  # type: ignore[arg-type]
@@ -182,7 +182,7 @@ def test_each_key_makes_one_step_of_the_chosen_size() -> None:
     assert person.steps[4:] == [(DOWN, 0.05), (DOWN, 0.1), (DOWN, 0.5), (DOWN, 5.0)]
 
 
-def test_keys_home_zero_and_park() -> None:
+def test_the_keys_h_z_and_p_home_zero_and_park() -> None:
     person = Person((0.1, "h"), (0.5, "z"), (1.0, "p"), (1.5, "?"), (2.0, "q"))
     person.run()
     assert [name for name in person.did if name != "force_gwt"] == ["home", "zero", "park"]
@@ -195,26 +195,26 @@ def test_keys_typed_while_a_step_moves_are_dropped() -> None:
     assert len(person.steps) == 2, "no repeat runs ahead"
 
 
-def test_several_keys_at_once_are_one() -> None:
+def test_several_keys_at_once_make_one_step() -> None:
     person = Person((0.1, "sss\x1b[B"), (3.0, "q"))
     person.run()
     assert len(person.steps) == 1
 
 
-def test_after_a_step_that_ended_early_a_held_key_starts_no_other() -> None:
+def test_a_held_key_starts_no_step_after_one_that_ended_early() -> None:
     held = ((0.1 + n / 30, "s") for n in range(150))
     person = Person(*held, (7.0, "s"), (9.0, "q"), ends={1: LimitError("touched", "touched")})
     person.run()
     assert len(person.steps) == 2, "the second is a new press"
 
 
-def test_a_first_repeat_after_a_short_step_starts_no_other() -> None:
+def test_the_quiet_time_after_a_step_exceeds_the_repeat_delay_of_a_held_key() -> None:
     """A key repeats after 0.66 s at the latest."""
     assert QUIET_S > 0.66
 
 
 @pytest.mark.parametrize("last", ["q", ""])
-def test_q_and_the_end_of_the_input_end_it_also_while_a_step_moves(last: str) -> None:
+def test_q_or_the_end_of_input_ends_rig_jog_during_a_step(last: str) -> None:
     person = Person((0.1, "s"), (0.5, last))
     person.run()
     assert len(person.steps) == 1
@@ -224,7 +224,7 @@ def test_q_and_the_end_of_the_input_end_it_also_while_a_step_moves(last: str) ->
 
 
 @pytest.mark.parametrize(("axis", "by_mm", "sign"), [("x", 1.0, 1), ("z", -5.0, -1)])
-def test_a_distance_has_a_direction(axis: Any, by_mm: float, sign: int) -> None:
+def test_the_sign_of_a_distance_sets_the_direction_of_a_jog(axis: Any, by_mm: float, sign: int) -> None:
     assert way(axis, by_mm, MOST_MM) == (Direction(axis, sign), abs(by_mm))
 
 
@@ -233,6 +233,6 @@ def test_a_distance_has_a_direction(axis: Any, by_mm: float, sign: int) -> None:
     [("u", 1.0, "unknown_choice"), ("x", 0.0, "outside_range"), ("x", 5.01, "outside_range"),
      ("x", float("nan"), "outside_range"), ("z", -1e9, "outside_range")],
 )  # fmt: skip
-def test_another_distance_is_refused(axis: str, by_mm: float, code: str) -> None:
+def test_rig_jog_refuses_a_distance_of_zero_or_beyond_its_limit(axis: str, by_mm: float, code: str) -> None:
     with raises(BadInputError, code):
         way(axis, by_mm, MOST_MM)

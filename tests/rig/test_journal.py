@@ -34,7 +34,7 @@ def _write(path: Path, clock: VirtualClock, **options: Any) -> None:
         journal.stop("done")
 
 
-def test_what_is_virtual_is_in_the_file_and_waits_for_no_disk(
+def test_a_dry_run_journals_at_once_and_waits_for_no_disk(
     path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.data.journal.os.fsync", lambda fd: pytest.fail("a disk was waited for"))
@@ -46,7 +46,7 @@ def test_what_is_virtual_is_in_the_file_and_waits_for_no_disk(
     assert lines == [1, 3, 4, 5]
 
 
-def test_documents_in_order_with_time_and_units(path: Path) -> None:
+def test_the_journal_holds_numbered_documents_with_time_and_units(path: Path) -> None:
     _write(path, VirtualClock(1e9))
     documents = list(read_journal(path))
     assert [d["doc"] for d in documents] == ["start", *["descriptor", "event"] * 2, "event", "stop"]
@@ -60,7 +60,7 @@ def test_documents_in_order_with_time_and_units(path: Path) -> None:
     assert documents[-1]["status"] == "done"
 
 
-def test_an_event_is_watched_only_when_it_is_on_disk(
+def test_an_event_reaches_observers_only_once_on_disk(
     path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[tuple[str, int]] = []
@@ -105,7 +105,7 @@ def _calls(journal: Journal) -> list[Callable[[], None]]:
 
 
 @pytest.mark.parametrize("left", [1, 22, 59])
-def test_a_torn_last_line_is_dropped(path: Path, clock: VirtualClock, left: int) -> None:
+def test_a_torn_last_line_of_a_journal_is_ignored(path: Path, clock: VirtualClock, left: int) -> None:
     _write(path, clock)
     whole = list(read_journal(path))
     data = path.read_bytes()
@@ -114,7 +114,7 @@ def test_a_torn_last_line_is_dropped(path: Path, clock: VirtualClock, left: int)
     assert list(read_journal(path)) == whole[:-1]
 
 
-def test_nothing_is_lost_with_the_program(path: Path, clock: VirtualClock) -> None:
+def test_a_killed_program_loses_no_settled_event(path: Path, clock: VirtualClock) -> None:
     journal = Journal(path, clock, SOME)
     journal.start({})
     journal.event("note", {"text": "the last words"})
@@ -136,7 +136,7 @@ def test_nothing_is_lost_with_the_program(path: Path, clock: VirtualClock) -> No
         (ZeroDivisionError(), "failed", "ZeroDivisionError"),
     ],
 )
-def test_the_stop_says_how_it_came_to_it(
+def test_the_stop_document_states_status_and_reason(
     path: Path, clock: VirtualClock, error: BaseException, status: str, reason: str
 ) -> None:
     def fail() -> None:
@@ -151,7 +151,9 @@ def test_the_stop_says_how_it_came_to_it(
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_what_is_not_a_number_is_refused_and_not_half_written(path: Path, clock: VirtualClock, value: float) -> None:
+def test_a_journal_event_with_nan_or_infinity_is_refused_and_leaves_no_partial_line(
+    path: Path, clock: VirtualClock, value: float
+) -> None:
     with Journal(path, clock, SOME) as journal:
         journal.start({})
         journal.event("move", {"x_mm": 0.0})
@@ -166,7 +168,7 @@ def test_what_is_not_a_number_is_refused_and_not_half_written(path: Path, clock:
     assert [d["seq"] for d in read_journal(path)] == list(range(5))
 
 
-def test_unknown_keys_and_streams_are_refused(path: Path, clock: VirtualClock) -> None:
+def test_the_journal_refuses_unknown_keys_and_streams(path: Path, clock: VirtualClock) -> None:
     with Journal(path, clock, SOME) as journal:
         with pytest.raises(KeyError, match="speed"):
             journal.event("move", {"x_mm": 0.0, "speed": 1.0})
@@ -175,7 +177,7 @@ def test_unknown_keys_and_streams_are_refused(path: Path, clock: VirtualClock) -
     assert path.read_bytes() == b""
 
 
-def test_the_file_is_only_appended_to(path: Path, clock: VirtualClock) -> None:
+def test_the_journal_file_is_only_appended_to(path: Path, clock: VirtualClock) -> None:
     _write(path, clock)
     before = path.read_bytes()
     _write(path, clock)
@@ -184,7 +186,7 @@ def test_the_file_is_only_appended_to(path: Path, clock: VirtualClock) -> None:
     assert not [line for line in path.read_text(encoding="utf-8").splitlines() if not json.loads(line)]
 
 
-def test_every_stream_of_a_run_says_its_units() -> None:
+def test_every_journal_column_has_the_unit_that_its_name_ends_with() -> None:
     for keys in STREAMS.values():
         for key, unit in keys.items():
             suffix = "mm/s" if key.endswith("_mm_s") else key.rsplit("_", 1)[-1]
@@ -195,7 +197,9 @@ def test_every_stream_of_a_run_says_its_units() -> None:
                 assert unit == "", key
 
 
-def test_a_line_beyond_the_limit_is_refused_with_its_number(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_journal_line_beyond_the_length_limit_is_refused_with_its_number(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _write(path, VirtualClock())
     lengths = [len(line) for line in path.read_text(encoding="utf-8").splitlines()]
     longest = max(lengths)

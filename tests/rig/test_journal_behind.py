@@ -67,7 +67,7 @@ def run(tmp_path: Path, disk: Disk) -> Run:
     return Run(tmp_path / "events.jsonl")
 
 
-def test_events_are_taken_in_while_the_disk_is_stuck_and_shown_in_order_afterwards(run: Run, disk: Disk) -> None:
+def test_events_during_a_stuck_disk_are_kept_and_shown_in_order_afterwards(run: Run, disk: Disk) -> None:
     disk.sticks()
     for text in "abc":
         run.note(text)
@@ -113,7 +113,7 @@ def test_a_run_ends_when_an_event_waits_too_long_for_the_disk(run: Run, disk: Di
     run.journal.close()
 
 
-def test_settling_waits_no_longer_than_it_may(run: Run, disk: Disk) -> None:
+def test_settling_a_journal_fails_after_its_time_limit(run: Run, disk: Disk) -> None:
     disk.sticks()
     run.note("a")
     with raises(RecordError, "slow_disk"):

@@ -51,7 +51,7 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         (b"{", b""),
     ],
 )
-def test_a_journal_ends_on_a_whole_line_and_loses_no_other(
+def test_mending_a_torn_journal_removes_only_the_incomplete_line(
     path: Path, synced: list[int], found: bytes, mended: bytes
 ) -> None:
     path.write_bytes(found)
@@ -60,7 +60,7 @@ def test_a_journal_ends_on_a_whole_line_and_loses_no_other(
     assert len(synced) == 1  # what was mended is on the disk
 
 
-def test_numbers_go_on_where_they_were(path: Path, synced: list[int], clock: VirtualClock) -> None:
+def test_a_resumed_journal_continues_its_sequence_numbers(path: Path, synced: list[int], clock: VirtualClock) -> None:
     path.write_bytes(START + NOTE + b"{")
     with Journal(path, clock, SOME) as journal:
         journal.resume({"by": "hand"})
@@ -79,7 +79,7 @@ def test_numbers_go_on_where_they_were(path: Path, synced: list[int], clock: Vir
      b'{"doc": "event", "t_s": 1.0, "stream": "note"}', b'{"doc": "descriptor", "t_s": 1.0, "stream": "note"}',
      b'{"doc": "stop", "t_s": 1.0}', b'{"doc": "resume"}'],
 )  # fmt: skip
-def test_a_line_that_is_no_document_is_named(path: Path, line: bytes) -> None:
+def test_a_journal_line_that_is_no_document_is_refused_with_its_number(path: Path, line: bytes) -> None:
     path.write_bytes(START + line + b"\n" + NOTE)
     with raises(JournalError, "no_document", path=str(path), line=2):
         list(read_journal(path))
@@ -87,7 +87,7 @@ def test_a_line_that_is_no_document_is_named(path: Path, line: bytes) -> None:
     assert [d["doc"] for d in read_journal(path)] == ["start"]
 
 
-def test_a_line_that_ends_is_not_torn(path: Path) -> None:
+def test_a_broken_journal_line_with_a_line_end_is_refused(path: Path) -> None:
     path.write_bytes(START + b"{\n")
     with raises(JournalError, "no_document", line=2):
         list(read_journal(path))
@@ -97,7 +97,7 @@ def test_a_line_that_ends_is_not_torn(path: Path) -> None:
 
 
 @pytest.mark.parametrize("virtual", [False, True], ids=["run", "dry-run"])
-def test_a_full_disk_keeps_whole_lines_and_loses_no_event_when_it_has_room_again(
+def test_a_journal_on_a_full_disk_keeps_whole_lines_and_writes_every_event_later(
     path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch, virtual: bool
 ) -> None:
     write, free = os.write, [True]

@@ -116,7 +116,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
 
 
 @pytest.mark.parametrize(("line", "about"), ASKED)
-def test_an_answer_in_json_is_as_its_schema_says(
+def test_every_json_answer_fits_its_schema(
     program: Program, folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, about: str
 ) -> None:
     command = line.split()[0]
@@ -165,7 +165,7 @@ def _wrong(key: str, found: Mapping[str, Any], beside: Mapping[str, Any]) -> boo
 
 
 @pytest.mark.parametrize("command", OUTPUTS)
-def test_a_key_has_its_unit_list_or_format(command: str) -> None:
+def test_every_key_of_a_json_schema_has_a_unit_list_or_format(command: str) -> None:
     objects = schema_of_command(command)["$defs"]
     assert not [name for name, one in objects.items() if one["additionalProperties"]]
     assert not [
@@ -177,13 +177,13 @@ def test_a_key_has_its_unit_list_or_format(command: str) -> None:
     ]
 
 
-def test_json_schema_needs_no_other_argument(program: Program) -> None:
+def test_the_json_schema_option_needs_no_other_argument(program: Program) -> None:
     for command in ("stop", "calibrate", "calibrate steps", "compare"):
         printed = program(*command.split(), "--json-schema")
         assert (printed.code, json.loads(printed.out)) == (0, schema_of_command(command.split()[0]))
 
 
-def test_what_a_script_prints_is_not_beside_the_object(capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_of_a_script_goes_to_stderr_under_json(capsys: pytest.CaptureFixture[str]) -> None:
     for as_json in (True, False):
         with one_line_errors(as_json=as_json):
             print("asked")

@@ -46,7 +46,7 @@ def _told(
 
 
 @pytest.mark.parametrize(("name", "presses"), [("complete", 5), ("complete_with_a_schedule", 8)])
-def test_a_complete_run_is_read_and_exported(name: str, presses: int, tmp_path: Path) -> None:
+def test_a_complete_run_of_version_0_3_is_read_and_exported(name: str, presses: int, tmp_path: Path) -> None:
     """Every table has the rows that were stored with the run; a later version may add columns.
 
     On the virtual clock a press may begin at the instant at which the one before ended.
@@ -71,7 +71,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_stopped_run_is_resumed(
+def test_a_stopped_run_of_version_0_3_is_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, empty_figures: None
 ) -> None:
     """Killed in indentation 5 of 8; what comes of it are the presses of the run that nobody killed."""
@@ -104,7 +104,7 @@ def test_a_stopped_run_is_resumed(
     assert now.start["subject"] == "S07"
 
 
-def test_the_highest_force_of_a_report_is_that_of_all_presses() -> None:
+def test_the_highest_force_of_a_report_includes_reference_presses() -> None:
     """Of a run whose reference presses are the strongest: the table is compared with its trip."""
     run = read_run(OLD / "complete_with_a_schedule")
     highest = {name: max(one["force_gwt"] for one in run.stream(name)) for name in ("sample", "reference_sample")}

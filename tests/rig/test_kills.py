@@ -32,7 +32,7 @@ def _found(*options: str) -> dict[str, Any]:
 
 
 @needs_fork
-def test_killed_runs_are_taken_up(finger: Fingertip) -> None:
+def test_killed_runs_are_resumed_without_missing_or_repeated_presses(finger: Fingertip) -> None:
     """Four on writes of the journal, one at each stage of a write, four on instants; two are killed twice."""
     found = _found("--kills", str(KILLS))
     assert (found["kills"], found["complete"]) == (KILLS, KILLS)
@@ -48,7 +48,7 @@ def test_killed_runs_are_taken_up(finger: Fingertip) -> None:
 
 
 @needs_fork
-def test_runs_whose_cables_were_pulled_are_taken_up(finger: Fingertip) -> None:
+def test_runs_whose_cables_were_pulled_are_resumed_completely(finger: Fingertip) -> None:
     found = _found("--kills", "0", "--cables", "4")
     assert (found["cables"], found["complete"]) == (4, 4)
     assert [result["how"] for result in found["results"]] == list(CABLES)
@@ -60,7 +60,7 @@ def test_runs_whose_cables_were_pulled_are_taken_up(finger: Fingertip) -> None:
 
 
 @pytest.mark.parametrize("silent", [False, True])
-def test_a_cable_is_cut_in_the_middle_of_what_goes_over_it(silent: bool) -> None:
+def test_the_cable_fault_cuts_a_message_in_the_middle(silent: bool) -> None:
     """Six bytes pass: four there, two of the answer's three."""
     clock = VirtualClock()
     line = SerialLine(clock, 115200)

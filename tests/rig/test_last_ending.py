@@ -36,13 +36,15 @@ def _reason(runs: Path) -> str | None:
     return None if left is None else left.reason
 
 
-def test_where_there_are_no_runs_nothing_was_left(tmp_path: Path) -> None:
+def test_without_runs_there_is_no_last_ending(tmp_path: Path) -> None:
     assert last_ending(tmp_path / "none", HERE) is None
     assert last_ending(tmp_path, HERE) is None
 
 
 @pytest.mark.parametrize(("at", "told"), [(HELD, "2"), (LIFTED, None), ({}, None), (None, KILLED)])
-def test_the_last_one_counts(tmp_path: Path, at: dict[str, Any] | None, told: str | None) -> None:
+def test_the_last_run_decides_where_the_indentor_was_left(
+    tmp_path: Path, at: dict[str, Any] | None, told: str | None
+) -> None:
     """An end that does not say where is one of before it was said: lifted."""
     run(tmp_path, "1", HELD)
     run(tmp_path, "2", at)
@@ -50,7 +52,7 @@ def test_the_last_one_counts(tmp_path: Path, at: dict[str, Any] | None, told: st
     assert (reason is None) if told is None else str(reason).startswith(told)
 
 
-def test_what_it_left_is_told_as_it_was_recorded(tmp_path: Path) -> None:
+def test_the_last_ending_reports_the_recorded_position_and_resume_command(tmp_path: Path) -> None:
     folder = run(tmp_path, "1", HELD)
     left = last_ending(tmp_path, HERE)
     assert left is not None
@@ -59,7 +61,7 @@ def test_what_it_left_is_told_as_it_was_recorded(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("other", ["virtual", "another stage", "no run", "torn"])
-def test_one_that_was_no_run_on_this_stage_is_passed_over(tmp_path: Path, other: str) -> None:
+def test_the_last_ending_ignores_virtual_unreadable_and_other_stages_runs(tmp_path: Path, other: str) -> None:
     run(tmp_path, "1", HELD)
     later = run(
         tmp_path, "2", LIFTED, virtual=other == "virtual", ports="there" if other == "another stage" else "here"
@@ -71,7 +73,7 @@ def test_one_that_was_no_run_on_this_stage_is_passed_over(tmp_path: Path, other:
     assert str(_reason(tmp_path)).startswith("1")
 
 
-def test_one_that_another_process_is_at_is_none_of_ours(tmp_path: Path) -> None:
+def test_the_last_ending_ignores_a_run_owned_by_another_process(tmp_path: Path) -> None:
 
     run(tmp_path, "1", HELD)
     later = run(tmp_path, "2", None)

@@ -73,7 +73,7 @@ RELATED: Mapping[str, tuple[Range, Callable[[float, float], Tables], Callable[[f
 @pytest.mark.parametrize("name", RELATED)
 @few
 @given(data=st.data())
-def test_two_keys_are_accepted_where_they_agree(name: str, data: st.DataObject) -> None:
+def test_two_related_keys_are_accepted_exactly_where_they_agree(name: str, data: st.DataObject) -> None:
     ends, tables, agree = RELATED[name]
     first = data.draw(st.floats(*ends))
     second = data.draw(st.floats(*ends) | st.just(first))
@@ -181,7 +181,7 @@ LEFT_OUT = ("indent: doi_mm", "indent: speed_mm_s")
 @pytest.mark.parametrize("name", ASKED)
 @few
 @given(data=st.data())
-def test_a_number_of_a_script_is_accepted_where_it_is_in_range(name: str, data: st.DataObject) -> None:
+def test_a_number_in_a_script_is_accepted_exactly_within_its_range(name: str, data: st.DataObject) -> None:
     row = ASKED[name]
     limit = data.draw(st.floats(*row.limit), label="limit")
     low, high = row.range(limit)
@@ -208,7 +208,7 @@ def _is_answered_in_range(name: str, limit: float, value: float) -> None:
 
 @pytest.mark.parametrize("name", [name for name, row in ASKED.items() if row.finger is Asked.finger])
 @pytest.mark.parametrize("value", ["1", True, None, [1.0]], ids=repr)
-def test_what_is_no_number_is_accepted_nowhere(name: str, value: Any) -> None:
+def test_every_verb_refuses_a_value_that_is_no_number(name: str, value: Any) -> None:
     row = ASKED[name]
     if "in all" in name or (value is None and name in LEFT_OUT):
         return  # divided here; or another number is taken
@@ -218,7 +218,7 @@ def test_what_is_no_number_is_accepted_nowhere(name: str, value: Any) -> None:
 
 @few
 @given(apex_mm=st.floats(-38.0, -5.0), doi_mm=st.none() | st.sampled_from((0.3, 1.0)), data=st.data())
-def test_nothing_is_pressed_or_touched_below_the_floor_or_the_travel(
+def test_presses_and_touches_below_the_lowest_z_or_the_travel_are_refused(
     apex_mm: float, doi_mm: float | None, data: st.DataObject
 ) -> None:
     """Down to limits.search_mm below an expected contact, or to the depth; without a depth it is touched only."""
@@ -254,7 +254,7 @@ def _counted(what: str, number: object, rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("what", COUNTS)
-def test_a_count_is_a_whole_number_up_to_a_hundred(what: str) -> None:
+def test_every_count_of_a_verb_is_a_whole_number_from_1_to_100(what: str) -> None:
     for number in (1, 100):
         walked(partial(_counted, what, number))
     for number in (0, 101, -1, True, 2.0, "2"):
@@ -307,7 +307,7 @@ RULES: Mapping[str, tuple[Tables, StandIn, Callable[[Rig], object], str | None]]
 
 
 @pytest.mark.parametrize("name", RULES)
-def test_what_a_rule_forbids_is_refused_by_its_code_and_nothing_else_is(name: str) -> None:
+def test_each_rule_refuses_its_scripts_with_its_code_and_accepts_others(name: str) -> None:
     tables, finger, script, code = RULES[name]
     if code is None:
         walked(script, finger, **tables)
@@ -325,7 +325,7 @@ def test_holds_of_all_verbs_add_up_to_the_longest_contact() -> None:
     has_code(refused(script, limits={"max_contact_s": 23.5}), "held_too_long", held_s=24.0, high=23.5)
 
 
-def test_the_upper_ends_of_the_bands_of_an_identified_finger_are_held_to_the_limits() -> None:
+def test_the_limits_apply_to_the_upper_end_of_the_band_of_an_identified_finger() -> None:
     rig_settings = RigSettings()
     limits = rig_settings.limits
 
@@ -354,7 +354,7 @@ def test_the_upper_ends_of_the_bands_of_an_identified_finger_are_held_to_the_lim
     fastest_mm_s=st.floats(1.0, 5.0),
     free_mm=st.just(math.inf) | st.floats(-1.0, 3.0), data=st.data(),
 )  # fmt: skip
-def test_a_vertical_move_is_short_slow_and_within_the_travel(
+def test_vertical_moves_are_limited_in_length_speed_and_travel(
     from_mm: float, speed_mm_s: float, fastest_mm_s: float, free_mm: float, data: st.DataObject
 ) -> None:
     """Below clearance no longer than an increment beyond what is free, no faster than a finger is pressed."""

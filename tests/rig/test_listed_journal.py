@@ -26,7 +26,9 @@ def lines(*documents: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("block", [1, 1000])
 @pytest.mark.parametrize("name", [path.name for path in OLD.iterdir() if (path / "events.jsonl").is_file()])
-def test_of_an_old_run_the_same_is_said(name: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_list_reader_reports_the_same_of_a_stored_run_as_the_full_reader(
+    name: str, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(listed_journal, "_BLOCK", block)
     whole = read_run(OLD / name)
     assert summarised(OLD / name) == (summary_of(whole), _holds(whole))
@@ -56,7 +58,7 @@ def test_of_an_old_run_the_same_is_said(name: str, block: int, monkeypatch: pyte
     ],
     ids=["empty", "begun", "no line's end", "killed", "blank lines", "written otherwise", "torn", "no ASCII"],
 )
-def test_whatever_it_looks_like_it_says_the_same(written: str, tmp_path: Path) -> None:
+def test_the_list_reader_agrees_with_the_full_reader_on_any_journal(written: str, tmp_path: Path) -> None:
     (tmp_path / "events.jsonl").write_text(written, encoding="utf-8")
     if not written:
         for only in (None, ("touch",)):
@@ -74,7 +76,7 @@ def test_whatever_it_looks_like_it_says_the_same(written: str, tmp_path: Path) -
     [lambda line: line[:-1], lambda line: line[1:], lambda line: line[:20], lambda line: "x", lambda line: "{}"],
     ids=["its end", "its begin", "half of it", "noise", "no document"],
 )
-def test_a_line_that_is_not_whole_is_told(spoil: Any, number: int, tmp_path: Path) -> None:
+def test_the_list_reader_names_a_damaged_line_even_of_a_reading(spoil: Any, number: int, tmp_path: Path) -> None:
     """Also where it is a reading, which nobody takes apart."""
     path = tmp_path / "events.jsonl"
     readings = (event("sample", t_s) for t_s in (1.0, 2.0, 3.0))

@@ -188,7 +188,7 @@ def _in_a_run(ways: list[tuple[str, str, Way]]) -> Any:
 
 
 @_in_a_run(LOST)
-def test_a_run_whose_files_are_lost_is_lifted_at_the_next_record_and_goes_on_from_what_was_saved(
+def test_a_run_whose_files_are_lost_lifts_and_is_resumed_from_the_rescued_copy(
     name: str, way: Way, bench: Bench, in_contact: Callable[..., None], request: pytest.FixtureRequest
 ) -> None:
     in_contact(lambda folder: way.do(folder / name))
@@ -222,7 +222,7 @@ def test_a_run_whose_files_are_lost_is_lifted_at_the_next_record_and_goes_on_fro
 
 
 @_in_a_run(UNWRITTEN)
-def test_a_run_that_cannot_write_is_lifted_at_the_next_record_and_stays_in_its_folder(
+def test_a_run_that_cannot_write_lifts_at_the_next_record_and_stays_in_its_folder(
     name: str, way: Way, bench: Bench, in_contact: Callable[..., None], request: pytest.FixtureRequest
 ) -> None:
     write, failing = os.write, pytest.MonkeyPatch()
@@ -251,7 +251,7 @@ def test_a_run_that_cannot_write_is_lifted_at_the_next_record_and_stays_in_its_f
         assert again.code == 0, again.err
 
 
-def test_where_nothing_can_be_written_beside_the_run_it_is_saved_in_the_state_folder(
+def test_a_run_whose_folder_is_gone_is_rescued_into_the_state_folder(
     bench: Bench, in_contact: Callable[..., None], tmp_path: Path
 ) -> None:
     def gone_and_in_the_way(folder: Path) -> None:
@@ -265,7 +265,7 @@ def test_where_nothing_can_be_written_beside_the_run_it_is_saved_in_the_state_fo
     assert read_run(_rescued(ended)).done
 
 
-def test_a_script_that_changes_the_folder_loses_nothing(bench: Bench) -> None:
+def test_a_script_that_changes_the_working_folder_loses_no_file_of_its_run(bench: Bench) -> None:
     script = SCRIPT.replace(
         "    rig.home()", "    import os\n    here = os.getcwd()\n    os.chdir('/')\n    rig.home()"
     )

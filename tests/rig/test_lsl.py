@@ -58,7 +58,7 @@ def _following(runs: Path) -> GrowingRuns:
     return GrowingRuns(runs, Clock())  # type: ignore[arg-type]
 
 
-def test_runs_that_begin_grow_or_resume_are_read_once_and_earlier_ones_are_not(tmp_path: Path) -> None:
+def test_the_lsl_stream_reads_each_new_line_of_new_grown_or_resumed_runs_once(tmp_path: Path) -> None:
     runs = tmp_path / "runs"
     _write(runs, "earlier", START, STOP)
     begun = _write(runs, "begun", START, _event("home", 1.0, controller=""))
@@ -79,7 +79,7 @@ def test_runs_that_begin_grow_or_resume_are_read_once_and_earlier_ones_are_not(t
     assert following.new() == []
 
 
-def test_each_time_is_that_of_the_journal_plus_one_offset_a_part() -> None:
+def test_each_lsl_time_is_the_journal_time_plus_one_offset_per_part() -> None:
     samples, markers = Outlet(), Outlet()
     offsets = iter([-900.0, -800.0, -700.0])
     streams = RunStreams(samples, markers, lambda: next(offsets))
@@ -93,7 +93,7 @@ def test_each_time_is_that_of_the_journal_plus_one_offset_a_part() -> None:
     assert [at_s for at_s, _ in markers.pushed[2:]] == [220.0, 309.0]
 
 
-def test_every_reading_is_a_sample_and_every_other_event_a_marker() -> None:
+def test_every_reading_becomes_an_lsl_sample_and_every_other_event_a_marker() -> None:
     samples, markers = Outlet(), Outlet()
     streams = RunStreams(samples, markers, lambda: 0.0)
     streams.push(Path("a"), [START, *(_event(stream, 1.0) for stream in STREAMS), STOP])
@@ -103,20 +103,20 @@ def test_every_reading_is_a_sample_and_every_other_event_a_marker() -> None:
     assert found == ["start", *(stream for stream in STREAMS if stream not in readings), "stop"]
 
 
-def test_a_reading_has_nan_where_the_journal_has_null() -> None:
+def test_an_lsl_sample_has_nan_where_the_journal_has_null() -> None:
     found = sample_of({"force_gwt": 0.25, "doi_mm": None, "x_mm": 1, "phase": "approach"})
     assert list(CHANNELS) == ["force_gwt", "doi_mm", "x_mm", "height_mm"]
     assert found == pytest.approx([0.25, math.nan, 1.0, math.nan], nan_ok=True)
 
 
-def test_markers_hold_the_step_without_what_could_name_the_participant() -> None:
+def test_lsl_markers_omit_texts_that_could_name_the_participant() -> None:
     assert json.loads(marker_of(START)) == {"marker": "start", "protocol": "p", "planned_indentations": 1}
     assert json.loads(marker_of(_event("note", 1.0, text="S07 is left-handed"))) == {"marker": "note"}
     hold = {"index": 0, "hold": 1, "force_gwt": 2.33}
     assert json.loads(marker_of(_event("hold_end", 1.0, **hold))) == {"marker": "hold_end", **hold}
 
 
-def test_without_pylsl_one_line_says_what_to_install(
+def test_rig_stream_without_pylsl_says_what_to_install(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)

@@ -129,13 +129,13 @@ def test_the_makers_client_homes_moves_and_stops_the_virtual_stage(kind: str, tc
         assert {name: _found(kind, *_words(kind, port)) for name, port in ports.items()} == EXPECTED[kind]
 
 
-def test_standas_emulator_makes_the_same_moves(tmp_path: Path) -> None:
+def test_the_emulator_of_standa_makes_the_same_moves_as_the_virtual_stage(tmp_path: Path) -> None:
     assert _found("standa", f"xi-emu://{tmp_path / 'controller.bin'}") == STANDA_MOVES
 
 
 @pytest.mark.quick(rows=lambda kind, tcp: kind == "standa")  # over two ports
 @pytest.mark.parametrize(("kind", "tcp"), WAYS.items())
-def test_our_driver_does_the_same_over_a_real_wire(kind: str, tcp: int | None) -> None:
+def test_the_driver_homes_moves_and_stops_the_virtual_stage_over_a_real_wire(kind: str, tcp: int | None) -> None:
     with _served(kind, tcp) as ports:
         further = {name: port for name, port in ports.items() if name != "stage"}
         own = {kind: further} if further else {}

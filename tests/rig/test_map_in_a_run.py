@@ -68,7 +68,9 @@ def ell(path: Path) -> None:
     Image.fromarray(pixels).save(path)
 
 
-def test_a_letter_is_pressed_in_a_run(rig: Callable[..., Any], empty_figures: None, tmp_path: Path) -> None:
+def test_a_run_presses_a_letter_from_a_picture_and_keeps_the_picture(
+    rig: Callable[..., Any], empty_figures: None, tmp_path: Path
+) -> None:
     found = rig("dry-run", "letter.py", "--config", "coarse.toml")
     assert found["code"] == 0, found["err"]
     run = read_run(Path(found["run"]))
@@ -107,7 +109,7 @@ NAMING = [
 
 
 @pytest.mark.parametrize("file", ["a/b/mine", "a,b", "linear", "x=1,y", "ünï"])
-def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path, file: str) -> None:
+def test_every_shape_given_by_a_file_is_read_from_the_copy_in_the_run(tmp_path: Path, file: str) -> None:
     for n, shape in enumerate(NAMING):
         text, run = shape.format(file), tmp_path / str(n)
         run.mkdir()
@@ -121,7 +123,7 @@ def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path
 
 
 @pytest.mark.parametrize("there", ["beside", "here", "both", "neither"])
-def test_a_file_is_looked_for_beside_what_names_it_and_an_error_says_where(
+def test_a_shape_file_is_searched_beside_the_script_first_and_an_error_names_both_places(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: str
 ) -> None:
     """The script's own folder comes first: what a script means does not depend on the shell."""
@@ -146,7 +148,9 @@ def test_a_file_is_looked_for_beside_what_names_it_and_an_error_says_where(
 
 
 @pytest.mark.parametrize("now", ["edited", "gone"])
-def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: str) -> None:
+def test_a_run_keeps_its_first_copy_of_a_shape_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
     original, copy = tmp_path / "parts.csv", tmp_path / "run" / copy_name("parts.csv")
@@ -160,7 +164,7 @@ def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pyte
     assert copy.read_text(encoding="utf-8") == "first"
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip) -> None:
+def test_a_missing_shape_file_is_named_with_the_line_of_the_script(tmp_path: Path, halfspace: Fingertip) -> None:
     script = tmp_path / "mine.py"
     script.write_text("def run(rig):\n    rig.mount('profile:nowhere.csv')\n", encoding="utf-8")
     with pytest.raises(BadInputError, match=r"mine\.py, line 2: .*nowhere\.csv"):

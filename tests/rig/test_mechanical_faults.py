@@ -83,7 +83,7 @@ def _pressed_twice(folder: Path, tables: Mapping[str, Any], strike: Callable[[Sl
 @pytest.mark.quick(rows=lambda stage, share: stage == "grbl" or share == 1.0)
 @pytest.mark.parametrize("share", [1.0, 0.9, 0.8], ids=["stalls", "slips by 90 %", "slips by 80 %"])
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_lift_that_is_none_is_measured_before_anything_goes_sideways(
+def test_a_stalled_lift_is_detected_by_force_before_any_move_sideways(
     tmp_path: Path, stage: str, share: float
 ) -> None:
     """The position says clearance; the force says what it is."""
@@ -106,7 +106,7 @@ def test_a_lift_that_is_none_is_measured_before_anything_goes_sideways(
 @pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
 @pytest.mark.parametrize("share", [1.0, 0.5], ids=["stalls", "slips"])
 @pytest.mark.parametrize("stage", STAGES)
-def test_no_phase_presses_beyond_the_bound_and_every_report_is_true(
+def test_a_slipping_motor_never_presses_beyond_the_force_bound(
     tmp_path: Path, stage: str, share: float, phase: str
 ) -> None:
     ended = _pressed_twice(tmp_path, STAGES[stage], lambda b: b.after(phase, lambda: b.slip(share)))
@@ -122,7 +122,9 @@ BACKLASH = {"virtual": {"z_screw_backlash_mm": 0.2}}
 @pytest.mark.quick(rows=lambda stage, screw: stage == "grbl" or screw is COARSE_SCREW)
 @pytest.mark.parametrize("screw", [SCREW, COARSE_SCREW, BACKLASH], ids=["finer", "coarser", "backlash"])
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_screw_that_is_another_than_configured(tmp_path: Path, stage: str, screw: Mapping[str, Any]) -> None:
+def test_a_wrong_screw_pitch_never_presses_beyond_the_force_bound(
+    tmp_path: Path, stage: str, screw: Mapping[str, Any]
+) -> None:
     ended = _pressed_twice(tmp_path, {**STAGES[stage], **screw}, lambda b: None)
     assert ended.bench.worst_n / GWT_N <= bound_gwt()
     assert ended.bench.dragged_gwt < TOUCH_GWT
@@ -170,7 +172,7 @@ CORRUPT = {"grbl": _corrupt_grbl, "modbus": _corrupt_modbus}
 
 @pytest.mark.parametrize(("phase", "by_mm"), [("approach", 4.0), ("press", 3.0), ("hold_end", 4.0)])
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_command_that_was_corrupted_is_stopped_at_the_next_look_and_left(
+def test_a_corrupted_motion_command_is_stopped_at_the_next_poll(
     tmp_path: Path, stage: str, phase: str, by_mm: float
 ) -> None:
     """Down, to above the floor that the controllers enforce.
@@ -187,7 +189,7 @@ def test_a_command_that_was_corrupted_is_stopped_at_the_next_look_and_left(
     assert FinalPosition.of(bench.engine).left == "held"
 
 
-def test_one_garbled_status_ends_nothing(tmp_path: Path) -> None:
+def test_one_garbled_status_report_does_not_end_a_run(tmp_path: Path) -> None:
     """A digit of the height in a report; the next one is right."""
 
     def strike(bench: Slipping) -> None:

@@ -18,7 +18,9 @@ from rig.plan.config import Config, keys, load_config
         ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq", []),
     ],
 )
-def test_an_unknown_key_is_told_with_its_neighbours(tmp_path: Path, text: str, key: str, near: list[str]) -> None:
+def test_a_configuration_file_with_an_unknown_key_is_refused_with_similar_keys(
+    tmp_path: Path, text: str, key: str, near: list[str]
+) -> None:
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     with pytest.raises(BadInputError) as refused:
         load_config(tmp_path / "rig.toml")
@@ -28,7 +30,7 @@ def test_an_unknown_key_is_told_with_its_neighbours(tmp_path: Path, text: str, k
     assert [word.strip("?,") for word in line.split() if word.strip("?,") in known] == near
 
 
-def test_one_device_under_two_names_is_a_problem_of_the_bench_and_the_defaults_are_none(
+def test_doctor_reports_one_device_configured_under_two_port_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -118,7 +118,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
 # --- motion ---
 
 
-def test_the_drive_itself_holds_the_soft_limit(make: Make) -> None:
+def test_the_drive_stops_at_its_soft_limit_and_the_driver_reports_the_missed_target(make: Make) -> None:
     """40 mm of travel: told to go to −41, the drive stops at −40, and the driver says so in bounded time."""
     bench = make()
     bench.stage.connect()
@@ -131,13 +131,13 @@ def test_the_drive_itself_holds_the_soft_limit(make: Make) -> None:
     assert not bench.stage.homed
 
 
-def test_nothing_is_saved_in_the_drives(make: Make) -> None:
+def test_no_setting_is_saved_to_the_eeprom_of_a_drive(make: Make) -> None:
     bench = make()
     indent(bench.ready(), Target("force_gwt", 2.33), hold_s=0.2)
     assert bench.drives.x.eeprom_saves == bench.drives.z.eeprom_saves == 0
 
 
-def test_sync_pulses_from_a_drives_output(make: Make) -> None:
+def test_a_drive_output_pulses_at_contact_hold_start_and_hold_end(make: Make) -> None:
     """At contact, hold start and hold end; each rise within the round trip that the journal gives."""
     sync = {"output": "drive", "register_address": 0x0157, "on_word": 0x80, "off_word": 0, "width_s": 0.02}
     bench = make(sync=sync)
@@ -156,7 +156,7 @@ def test_sync_pulses_from_a_drives_output(make: Make) -> None:
 # --- stopping ---
 
 
-def test_a_stop_from_elsewhere_ends_a_move_within_milliseconds(make: Make) -> None:
+def test_a_stop_from_another_thread_ends_a_move_within_milliseconds(make: Make) -> None:
     """One broadcast frame (0.7 ms) and 10 ms of braking, while the driver waits for the arrival."""
     bench = make()
     bench.stage.connect()
@@ -180,7 +180,7 @@ def test_a_stop_from_elsewhere_ends_a_move_within_milliseconds(make: Make) -> No
     bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
 
 
-def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None:
+def test_a_drive_alarm_in_contact_stops_the_run_until_an_unlock(make: Make) -> None:
     bench = make()
     engine = bench.ready()
     bench.at_first("press", lambda: bench.drives.z.fault(0xE0))
@@ -207,7 +207,7 @@ def test_a_drive_that_was_switched_off_is_not_homed(make: Make, axis: str) -> No
     assert not bench.stage.homed
 
 
-def test_the_other_drive_stops_too_when_one_was_switched_off(make: Make) -> None:
+def test_a_drive_that_was_switched_off_stops_the_other_drive_too(make: Make) -> None:
     """A look asks both; the motion under way is given up within it."""
     bench = make()
     engine = bench.ready()
@@ -222,7 +222,7 @@ def test_the_other_drive_stops_too_when_one_was_switched_off(make: Make) -> None
 # --- adapters that hear themselves ---
 
 
-def test_with_echoing_adapters_everything_is_as_without(make: Make) -> None:
+def test_an_echoing_adapter_changes_no_measured_force(make: Make) -> None:
     """Homing, a press to a force and a lift; the same readings."""
     ends = []
     for echoes in (False, True):
@@ -232,7 +232,7 @@ def test_with_echoing_adapters_everything_is_as_without(make: Make) -> None:
     assert ends[1] == pytest.approx(ends[0], abs=0.02)
 
 
-def test_with_an_echo_a_drive_that_died_is_noticed(make: Make) -> None:
+def test_a_dead_drive_behind_an_echoing_adapter_is_detected(make: Make) -> None:
     bench = make()
     bench.stage_line.echoes = True
     engine = bench.ready()
@@ -262,7 +262,7 @@ def test_a_jog_whose_wire_is_cut_ends_at_its_distance(make: Make) -> None:
 # --- force ---
 
 
-def test_a_filter_is_waited_out(make: Make) -> None:
+def test_a_reading_waits_for_the_filter_of_the_transmitter_to_settle(make: Make) -> None:
     """Four samples of 50 ms in the mean: a reading right after a move would hold half of the way."""
     bench = make(force={"laumas": {"filter_samples": 4}})
     done = indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
@@ -276,7 +276,7 @@ def test_a_filter_is_waited_out(make: Make) -> None:
 # --- a port for each drive ---
 
 
-def test_two_drives_on_two_ports_are_stopped_without_waiting_for_each_other(clock: VirtualClock) -> None:
+def test_two_drives_on_two_ports_are_stopped_at_the_same_instant(clock: VirtualClock) -> None:
     """Both are device 1; each port gets its own frame at the same instant."""
     drives = {"x": {"device_id": 1, "port": "/dev/x"}, "z": {"device_id": 1, "port": "/dev/z"}}
     config = Config.model_validate({"stage": {"kind": "leadshine", "drives": drives}})

@@ -117,7 +117,7 @@ def test_minimalmodbus_reads_a_weight(cell_on_pty: str) -> None:
 # --- modbus-tk, RTU and TCP ---
 
 
-def test_modbus_tk_on_a_serial_line(drives_on_pty: str) -> None:
+def test_modbus_tk_reads_and_writes_a_drive_on_a_serial_line(drives_on_pty: str) -> None:
     with serial.Serial(drives_on_pty, BAUD) as port:
         master = modbus_rtu.RtuMaster(port)
         master.set_timeout(1.0)
@@ -127,7 +127,7 @@ def test_modbus_tk_on_a_serial_line(drives_on_pty: str) -> None:
         assert master.execute(1, defines.READ_HOLDING_REGISTERS, 0x6201, 2, data_format=">i") == (-100000,)
 
 
-def test_modbus_tk_over_tcp(drives_on_tcp: tuple[str, int]) -> None:
+def test_modbus_tk_reads_and_writes_a_drive_over_tcp(drives_on_tcp: tuple[str, int]) -> None:
     master = modbus_tcp.TcpMaster(*drives_on_tcp, timeout_in_sec=1.0)
     try:
         assert master.execute(2, defines.READ_HOLDING_REGISTERS, 0x1003, 1) == (0x32,)
@@ -166,7 +166,7 @@ def _values(printed: str) -> dict[int, str]:
 
 
 @needs_mbpoll
-def test_mbpoll_over_tcp_reads_eight_registers(drives_on_tcp: tuple[str, int]) -> None:
+def test_mbpoll_writes_and_reads_eight_registers_over_tcp(drives_on_tcp: tuple[str, int]) -> None:
     host, port = drives_on_tcp
     common = ["-m", "tcp", "-p", str(port), "-a", "1", "-0", "-r", "25088"]
     assert "Written 8 references" in _mbpoll(*common, "-t", "4:hex", host, *(f"0x{v:04X}" for v in PR0_MINUS_100000))
@@ -175,7 +175,7 @@ def test_mbpoll_over_tcp_reads_eight_registers(drives_on_tcp: tuple[str, int]) -
 
 
 @needs_mbpoll
-def test_mbpoll_agrees_on_the_order_of_words(drives_on_tcp: tuple[str, int]) -> None:
+def test_mbpoll_reads_32_bit_values_with_the_high_word_first(drives_on_tcp: tuple[str, int]) -> None:
     """`-B`: 32-bit values high word first."""
     host, port = drives_on_tcp
     common = ["-m", "tcp", "-p", str(port), "-a", "2", "-0", "-r", "25089", "-t", "4:int", "-B"]
@@ -188,7 +188,7 @@ def test_mbpoll_agrees_on_the_order_of_words(drives_on_tcp: tuple[str, int]) -> 
 
 
 @needs_mbpoll
-def test_mbpoll_on_a_serial_line(drives_on_pty: str, cell_on_pty: str) -> None:
+def test_mbpoll_reads_drive_and_transmitter_on_a_serial_line(drives_on_pty: str, cell_on_pty: str) -> None:
     common = ["-m", "rtu", "-b", str(BAUD), "-P", "none", "-0", "-t", "4:hex", "-1"]
     assert _values(_mbpoll(*common, "-a", "1", "-r", "4099", "-c", "1", drives_on_pty)) == {4099: "0x0032"}
     weight = _values(_mbpoll(*common, "-a", "1", "-r", "6", "-c", "8", cell_on_pty))
@@ -202,7 +202,7 @@ def test_mbpoll_on_a_serial_line(drives_on_pty: str, cell_on_pty: str) -> None:
 
 @pytest.mark.quick(rows=lambda tcp: tcp is None)
 @pytest.mark.parametrize("tcp", [None, 0], ids=["rtu on a pty", "tcp"])
-def test_our_driver_homes_moves_and_stops_in_real_time(tcp: int | None) -> None:
+def test_the_leadshine_driver_homes_moves_and_stops_in_real_time(tcp: int | None) -> None:
     with _served("leadshine", tcp) as port:
         fast = {"homing_high_rpm": 600, "homing_low_rpm": 100}
         drives = {"x": {"device_id": 1, **fast}, "z": {"device_id": 2, **fast}}

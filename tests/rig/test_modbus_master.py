@@ -37,21 +37,21 @@ def master(clock: VirtualClock, scripted: Script) -> Callable[..., ModbusMaster]
 # --- golden frames ---
 
 
-def test_eight_registers_in_one_frame(master: Any) -> None:
+def test_the_master_writes_eight_registers_in_one_frame(master: Any) -> None:
     """From the CS2RS manual, p. 43."""
     bus = master([(GOLDEN_WRITE, GOLDEN_ANSWER)])
     bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
 
-def test_one_register(master: Any) -> None:
+def test_the_master_writes_one_register(master: Any) -> None:
     master([(GOLDEN_SAVE, GOLDEN_SAVE)]).write_one(1, 0x1801, 0x2244)
 
 
-def test_a_read(master: Any, rtu: Rtu) -> None:
+def test_the_master_reads_registers(master: Any, rtu: Rtu) -> None:
     assert master([(READ_2, rtu("01 03 04 00 01 86 A0"))]).read(1, 7, 2) == [1, 0x86A0]
 
 
-def test_tcp_counts_its_transactions(master: Any) -> None:
+def test_modbus_tcp_frames_carry_ascending_transaction_numbers(master: Any) -> None:
     bus = master(
         [
             (bytes.fromhex("8001 0000 0006 01 03 0007 0002"), bytes.fromhex("8001 0000 0007 01 03 04 0001 86A0")),
@@ -72,7 +72,7 @@ def test_tcp_counts_its_transactions(master: Any) -> None:
 
 
 @pytest.mark.parametrize(("baud", "pause_s"), [(9600, 3.5 * 11 / 9600), (19200, 3.5 * 11 / 19200), (115200, 1.75e-3)])
-def test_frames_are_three_and_a_half_characters_apart(
+def test_rtu_frames_are_three_and_a_half_characters_apart(
     clock: VirtualClock, scripted: Script, rtu: Rtu, baud: int, pause_s: float
 ) -> None:
     clock.wait_s(1000.0)
@@ -87,9 +87,7 @@ def test_frames_are_three_and_a_half_characters_apart(
     assert sent_s[1] - answered_s == pytest.approx(pause_s)
 
 
-def test_after_a_frame_that_nobody_answers_the_bus_is_left_until_it_is_over(
-    clock: VirtualClock, scripted: Script, rtu: Rtu
-) -> None:
+def test_after_a_broadcast_the_next_frame_waits_for_its_end(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
     bus = ModbusMaster(scripted([(rtu("00 06 60 02 00 40"), b""), (GOLDEN_SAVE, GOLDEN_SAVE)]), clock, baud=9600)
     clock.wait_s(10.0)
     bus.send_now([1, 2], 0x6002, 0x40)
@@ -105,7 +103,9 @@ ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 7, 8])
-def test_an_exception_response_says_function_register_and_code(master: Any, rtu: Rtu, number: int) -> None:
+def test_an_exception_response_raises_an_error_with_function_register_and_code(
+    master: Any, rtu: Rtu, number: int
+) -> None:
     bus = master([(READ_2, rtu(f"01 83 {number:02X}"))])
     with raises(ModbusRefused, "refused", number=f"exception {number},", **ABOUT_2):
         bus.read(1, 7, 2)
@@ -114,30 +114,30 @@ def test_an_exception_response_says_function_register_and_code(master: Any, rtu:
 NOT_NOW = pytest.mark.parametrize("number", [5, 6, 10, 11])
 
 
-def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
+def test_a_read_with_a_bad_crc_is_repeated(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
     good = rtu("01 03 04 00 01 86 A0")
     bad = good[:4] + b"\xff" + good[5:]
     assert master([(READ_2, bad), (READ_2, bad), (READ_2, good)]).read(1, 7, 2) == [1, 0x86A0]
 
 
-def test_another_device_is_not_believed(master: Any, rtu: Rtu) -> None:
+def test_an_answer_from_another_device_is_refused(master: Any, rtu: Rtu) -> None:
     with raises(ModbusGarbled, "another_device", device=1, answering=5):
         master([(READ_2, rtu("05 03 04 00 01 86 A0"))] * 3).read(1, 7, 2)
 
 
-def test_fewer_registers_than_asked_for(master: Any, rtu: Rtu) -> None:
+def test_an_answer_with_too_few_registers_is_refused(master: Any, rtu: Rtu) -> None:
     with raises(ModbusGarbled, "does_not_fit"):
         master([(READ_2, rtu("01 03 02 00 01"))] * 3).read(1, 7, 2)
 
 
 @pytest.mark.parametrize("answer", ["01 06 18 01 22 45", "01 06 18 02 22 44", "01 10 18 01 00 01"])
-def test_a_write_must_be_echoed(master: Any, rtu: Rtu, answer: str) -> None:
+def test_a_write_whose_answer_is_not_its_echo_is_an_error(master: Any, rtu: Rtu, answer: str) -> None:
     with raises(ModbusGarbled, "does_not_fit"):
         master([(GOLDEN_SAVE, rtu(answer))]).write_one(1, 0x1801, 0x2244)
 
 
 @pytest.mark.parametrize("answer", ["07 10 62 01 00 08", "07 10 62 00 00 07", "07 06 62 00 00 08"])
-def test_a_write_of_several_must_be_echoed(master: Any, rtu: Rtu, answer: str) -> None:
+def test_a_write_of_several_registers_must_be_confirmed_by_its_answer(master: Any, rtu: Rtu, answer: str) -> None:
     with raises(ModbusGarbled, "does_not_fit"):
         master([(GOLDEN_WRITE, rtu(answer))]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
@@ -158,7 +158,9 @@ class LateTransport(TimedWire):
 
 
 @NOT_NOW
-def test_a_read_that_cannot_be_answered_now_is_asked_again(clock: VirtualClock, rtu: Rtu, number: int) -> None:
+def test_a_read_of_a_busy_device_is_repeated_for_a_tenth_of_a_second(
+    clock: VirtualClock, rtu: Rtu, number: int
+) -> None:
     """For 0.1 s, so that a look of several reads is short of a lost reply; then the device is busy."""
     busy, good = [(0.005, rtu(f"01 83 {number:02X}"))], [(0.005, rtu(ANSWER_2))]
     wire = LateTransport(clock, [busy, busy, good, *[busy] * 40])
@@ -173,7 +175,7 @@ def test_a_read_that_cannot_be_answered_now_is_asked_again(clock: VirtualClock, 
 
 @pytest.mark.parametrize("number", [6, 10])
 @pytest.mark.parametrize("stopped", [False, True])
-def test_a_write_that_a_busy_device_did_not_obey_is_sent_again_unless_a_stop_was(
+def test_a_write_refused_as_busy_is_repeated_unless_a_stop_was_sent(
     clock: VirtualClock, rtu: Rtu, number: int, stopped: bool
 ) -> None:
     """A trigger that is sent after a stop would move the stage."""
@@ -195,7 +197,7 @@ def test_a_write_that_a_busy_device_did_not_obey_is_sent_again_unless_a_stop_was
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 7, 8, 11])
-def test_a_write_that_a_device_refused_or_may_have_obeyed_is_not_sent_again(
+def test_a_write_that_a_device_refused_or_may_have_executed_is_not_repeated(
     master: Any, rtu: Rtu, number: int
 ) -> None:
     with raises(ModbusRefused, "busy" if number in (5, 11) else "refused"):
@@ -203,7 +205,9 @@ def test_a_write_that_a_device_refused_or_may_have_obeyed_is_not_sent_again(
 
 
 @pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])
-def test_the_rest_of_a_garbled_answer_is_let_pass(clock: VirtualClock, rtu: Rtu, baud: int, gap_s: float) -> None:
+def test_after_a_garbled_answer_the_master_waits_until_the_bus_is_silent(
+    clock: VirtualClock, rtu: Rtu, baud: int, gap_s: float
+) -> None:
     # Longer than 3.5 characters at 9600 baud, longer than 10 at 115200.
     bad = [
         (0.01 + k * gap_s, chunk) for k, chunk in enumerate([bytes.fromhex("01 03 04 00 01 86 A0 00 00"), b"?", b"?"])
@@ -214,7 +218,7 @@ def test_the_rest_of_a_garbled_answer_is_let_pass(clock: VirtualClock, rtu: Rtu,
     assert wire.sent_s[1] - bad[-1][0] == pytest.approx(quiet_s)
 
 
-def test_transactions_are_counted_in_the_upper_half_for_ever(clock: VirtualClock) -> None:
+def test_modbus_tcp_transaction_numbers_stay_above_0x8000(clock: VirtualClock) -> None:
     """A first byte that a device would take for a missing last one must not be a command of a drive."""
     written: list[bytes] = []
     wire = LateTransport(clock, [[]] * 3)
@@ -228,7 +232,7 @@ def test_transactions_are_counted_in_the_upper_half_for_ever(clock: VirtualClock
 
 @pytest.mark.parametrize("after_s", [0.002, 0.012], ids=["before it", "after it"])
 @pytest.mark.parametrize("baud", [9600, 115200])
-def test_rtu_of_two_answers_after_a_silence_none_is_believed(
+def test_after_a_silent_bus_two_rtu_answers_are_both_discarded(
     clock: VirtualClock, rtu: Rtu, baud: int, after_s: float
 ) -> None:
     """The answer to the first question comes late, beside the one to the third, and looks the same."""
@@ -246,7 +250,7 @@ def test_rtu_of_two_answers_after_a_silence_none_is_believed(
     assert clock.monotonic_s() - begun_s == pytest.approx(0.005), "the late one has come"
 
 
-def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
+def test_a_modbus_exchange_waits_for_another_thread_at_most_two_replies(
     master: Any, rtu: Rtu, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For the time of two replies; then it goes out all the same."""
@@ -273,7 +277,7 @@ def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
         ("tcp://10.0.0.7:502", "rtu", "01 06 00 07 00 01 F9 CB"),
     ],
 )
-def test_the_framing_is_that_of_the_port_unless_it_is_configured(
+def test_the_modbus_framing_follows_the_port_unless_configured(
     clock: VirtualClock, scripted: Script, port: str, framing: Any, sent: str
 ) -> None:
     """A gateway may pass frames of RTU through."""
@@ -295,7 +299,7 @@ def test_the_framing_is_that_of_the_port_unless_it_is_configured(
         (bytes.fromhex("07 10 62 00 00 08 00 00"), ModbusGarbled, "bad_crc"),
     ],
 )
-def test_a_write_that_may_have_been_obeyed_is_never_tried_again(
+def test_a_write_without_a_valid_answer_is_never_repeated(
     master: Any, answer: bytes, kind: type[ModbusError], code: str
 ) -> None:
     """It may have been obeyed: a move must not be triggered twice. The script holds it once."""
@@ -303,13 +307,13 @@ def test_a_write_that_may_have_been_obeyed_is_never_tried_again(
         master([(GOLDEN_WRITE, answer)]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
 
-def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:
+def test_a_refused_read_is_not_repeated(master: Any, rtu: Rtu) -> None:
     with raises(ModbusRefused, "refused", number="exception 2,"):
         master([(READ_2, rtu("01 83 02"))]).read(1, 7, 2)
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_tcp_passes_over_an_answer_to_an_older_question(master: Any, together: bool) -> None:
+def test_modbus_tcp_ignores_an_answer_to_an_older_request(master: Any, together: bool) -> None:
     late = bytes.fromhex("8001 0000 0005 01 03 02 1111")
     right = bytes.fromhex("8002 0000 0005 01 03 02 2222")
     bus = master(
@@ -322,7 +326,7 @@ def test_tcp_passes_over_an_answer_to_an_older_question(master: Any, together: b
     assert bus.read(1, 6, 1) == [0x2222]
 
 
-def test_tcp_another_unit_is_not_believed(master: Any) -> None:
+def test_modbus_tcp_refuses_an_answer_from_another_unit(master: Any) -> None:
     question = "0000 0006 01 03 0006 0001"
     script = [
         (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222")) for n in NUMBERS
@@ -331,7 +335,9 @@ def test_tcp_another_unit_is_not_believed(master: Any) -> None:
         master(script, framing="tcp").read(1, 6, 1)
 
 
-def test_a_stop_goes_past_a_read_that_waits(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
+def test_a_stop_frame_is_sent_at_once_and_for_all_drives_in_one_tcp_write(
+    clock: VirtualClock, scripted: Script, rtu: Rtu
+) -> None:
     """On a bus the answer may be lost; on TCP both frames go in one write."""
     wire = scripted([(bytes.fromhex("8001 0000 0006 02 06 6002 0040 8002 0000 0006 01 06 6002 0040"), b"")])
     ModbusMaster(wire, clock, framing="tcp").send_now([2, 1], 0x6002, 0x40)
@@ -346,7 +352,7 @@ ANSWER_2 = "01 03 04 00 01 86 A0"
 
 
 @pytest.mark.parametrize("pieces", ["whole", "bytes", "echo, then answer"])
-def test_an_echo_is_recognised_by_the_first_read_and_taken_off(master: Any, rtu: Rtu, pieces: str) -> None:
+def test_an_adapter_echo_is_detected_by_the_first_read_and_removed(master: Any, rtu: Rtu, pieces: str) -> None:
     """Read: the echo, 8 bytes, and the answer. Then function 06: two copies, of which the second is the answer."""
     answer = rtu(ANSWER_2)
     comes = {
@@ -364,7 +370,7 @@ def test_an_echo_is_recognised_by_the_first_read_and_taken_off(master: Any, rtu:
     bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
 
-def test_with_an_echo_a_dead_device_has_not_obeyed(master: Any, rtu: Rtu) -> None:
+def test_behind_an_echoing_adapter_a_dead_device_confirms_no_write(master: Any, rtu: Rtu) -> None:
     """Function 06 answers with the very bytes of its question: one copy is the adapter's, and nobody's answer."""
     bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)])
     bus.read(1, 7, 2)
@@ -372,14 +378,14 @@ def test_with_an_echo_a_dead_device_has_not_obeyed(master: Any, rtu: Rtu) -> Non
         bus.write_one(1, 0x1801, 0x2244)
 
 
-def test_without_an_echo_one_copy_is_the_answer(master: Any, rtu: Rtu) -> None:
+def test_without_an_echoing_adapter_one_copy_of_a_write_is_its_answer(master: Any, rtu: Rtu) -> None:
     bus = master([(READ_2, rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)])
     bus.read(1, 7, 2)
     assert bus.echoes is False
     bus.write_one(1, 0x1801, 0x2244)
 
 
-def test_an_adapter_does_not_begin_to_echo(master: Any, rtu: Rtu) -> None:
+def test_an_echo_that_appears_later_is_not_accepted_as_an_answer(master: Any, rtu: Rtu) -> None:
     """Once a bus is known to have none, its own frame coming back is no answer, and nothing to take off."""
     bus = master([(READ_2, rtu(ANSWER_2)), (READ_2, READ_2 + rtu(ANSWER_2))], read_tries=1)
     bus.read(1, 7, 2)
@@ -426,7 +432,7 @@ class Noise:
 @FRAMINGS
 @given(answers=st.lists(NOISE, min_size=1, max_size=3))
 @settings(max_examples=150, deadline=None)
-def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers: list[bytes]) -> None:
+def test_the_master_answers_any_noise_with_an_error_in_bounded_time(framing: Framing, answers: list[bytes]) -> None:
     clock = VirtualClock()
     master = ModbusMaster(LoopbackTransport(Noise(clock, answers).line, clock), clock, framing=framing)
     came: ModbusError | None = None
@@ -444,7 +450,7 @@ def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers
 @FRAMINGS
 @given(answer=NOISE)
 @settings(max_examples=100, deadline=None)
-def test_a_write_sends_one_frame_whatever_comes_back(framing: Framing, answer: bytes) -> None:
+def test_a_modbus_write_sends_one_frame_whatever_noise_answers(framing: Framing, answer: bytes) -> None:
     clock = VirtualClock()
     line, heard = SerialLine(clock, 115200), list[bytes]()
     line.connect(lambda data: (heard.append(data), line.device_write(answer)))

@@ -95,7 +95,7 @@ def ends(bench: FingerBench, how: str) -> None:
 
 
 @pytest.mark.parametrize(("bench", "how"), on_all("cut cable", "rig stop", "SIGTERM"), indirect=["bench"])
-def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBench, how: str) -> None:
+def test_a_rest_that_ends_early_never_calls_a_finger_lifted_that_came_up(bench: FingerBench, how: str) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 1.0), 2.8)
     ends(bench, how)
@@ -119,7 +119,7 @@ def test_a_step_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
     assert not by_hand.witness.lies()
 
 
-def test_a_step_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: FingerOnBytes) -> None:
+def test_a_step_sideways_ends_when_a_finger_comes_up(by_hand: FingerOnBytes) -> None:
     by_hand.finger.moves(in_s(by_hand, 1.2), 2.8, 5.0)
     with suppress(RigError):
         by_hand.jog("x", 5.0, 5.0)
@@ -132,9 +132,7 @@ def test_a_step_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: Finge
 @pytest.mark.parametrize(
     ("bench", "when"), on_all((0.8, 20.0), (0.2, 4.0), (0.4, 4.0), (0.5, 20.0), (0.6, 4.0)), indirect=["bench"]
 )
-def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
-    bench: FingerBench, when: tuple[float, float]
-) -> None:
+def test_a_zero_of_a_run_never_hides_a_finger_that_comes_up(bench: FingerBench, when: tuple[float, float]) -> None:
     engine, (after_s, speed_mm_s) = bench.ready(), when
     bench.finger.moves(in_s(bench, after_s), 4.0, speed_mm_s)
     with suppress(*ENDINGS):
@@ -148,7 +146,7 @@ def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
 
 @pytest.mark.quick(rows=lambda by_hand, after_s: by_hand == "grbl" or after_s == 0.8)
 @pytest.mark.parametrize("after_s", [0.6, 0.8])
-def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: FingerOnBytes, after_s: float) -> None:
+def test_rig_zero_never_hides_a_finger_that_comes_up(by_hand: FingerOnBytes, after_s: float) -> None:
     by_hand.finger.moves(in_s(by_hand, after_s), 4.0)
     with suppress(RigError):
         by_hand.zero_by_hand()
@@ -159,7 +157,7 @@ def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: Fing
 
 
 @pytest.mark.quick(rows=few)
-def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench) -> None:
+def test_a_finger_that_shakes_during_a_zero_does_not_raise_the_touch_threshold(bench: FingerBench) -> None:
     engine = bench.ready()
     zero = bench.force.zero
 
@@ -179,7 +177,7 @@ def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench
 
 
 @pytest.mark.parametrize(("bench", "rises_mm"), on_all(2.7, 3.2), indirect=["bench"])
-def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, rises_mm: float) -> None:
+def test_a_move_sideways_ends_when_a_finger_comes_up(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 0.4), rises_mm)
     with suppress(*ENDINGS):
@@ -188,7 +186,9 @@ def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, ris
 
 
 @pytest.mark.parametrize(("bench", "flank_mm"), on_all((3.3, 3.3), (2.6, 2.6), (2.6, 0.2)), indirect=["bench"])
-def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, flank_mm: tuple[float, float]) -> None:
+def test_a_move_sideways_ends_at_a_second_finger_beside_the_first(
+    bench: FingerBench, flank_mm: tuple[float, float]
+) -> None:
     engine = bench.ready()
     bench.finger.stands_beside(2.0, *flank_mm)
     with suppress(*ENDINGS):
@@ -201,7 +201,7 @@ def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, fla
 
 
 @pytest.mark.parametrize(("bench", "rises_mm"), on_all(2.3, 2.8), indirect=["bench"])
-def test_no_way_down_begins_on_a_finger_that_came_up_since_the_last_reading(
+def test_no_descent_begins_on_a_finger_that_came_up_since_the_last_reading(
     bench: FingerBench, rises_mm: float
 ) -> None:
     engine = bench.ready()
@@ -228,7 +228,7 @@ def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
 
 
 @pytest.mark.quick(rows=few)
-def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> None:
+def test_contact_time_counts_while_a_finger_touches_during_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 2.0), 2.3)
     with suppress(*ENDINGS):
@@ -243,7 +243,7 @@ def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> 
 
 
 @pytest.mark.parametrize(("bench", "rises_mm"), on_all(3.5, 2.6, 4.4), indirect=["bench"])
-def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, rises_mm: float) -> None:
+def test_the_lift_after_a_trip_continues_while_a_force_remains(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 8.0), rises_mm, 20.0)
     with pytest.raises(TripError):
@@ -253,7 +253,7 @@ def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, ri
     assert now.force_gwt < bench.least_gwt, f"left at {now.height_mm:.2f} mm with {now.force_gwt:.1f} gwt"
 
 
-def test_the_lift_of_a_trip_goes_on_for_a_finger_that_follows_it(bench: FingerBench) -> None:
+def test_the_lift_after_a_trip_continues_when_the_finger_follows(bench: FingerBench) -> None:
     """It reaches the indentor just after the lift, while contact is measured."""
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 0.5), 2.15, 1.0)
@@ -264,7 +264,7 @@ def test_the_lift_of_a_trip_goes_on_for_a_finger_that_follows_it(bench: FingerBe
     assert engine.known_contact.kind == "lifted"
 
 
-def test_a_trip_survives_a_stop_during_its_lift() -> None:
+def test_a_trip_is_journaled_even_if_its_lift_is_stopped() -> None:
     bench = FingerOnStub()
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 8.0), 1.0, 20.0)
@@ -286,7 +286,7 @@ def test_a_trip_survives_a_stop_during_its_lift() -> None:
 
 
 @pytest.mark.quick(rows=few)
-def test_a_still_finger_is_pressed_and_left(bench: FingerBench) -> None:
+def test_a_finger_that_stays_still_is_pressed_and_left_without_a_trip(bench: FingerBench) -> None:
     engine = bench.ready()
     indent(engine, Target("force_gwt", 6.0))
     verbs.rest(engine, 3.0)

@@ -69,7 +69,7 @@ def _spikes(run: Run, config: Config, finger: Fingertip, afferents: str = AFFERE
 # --- the journal ---
 
 
-def test_depth_is_that_of_the_journal(run: Run, config: Config) -> None:
+def test_the_depth_given_to_afferents_is_that_of_the_journal(run: Run, config: Config) -> None:
     """At every sample the indentor is where it was read, at the depth of the fit and the virtual bench's truth."""
     found = visits_of(run, config)
     assert found.left_out == 0
@@ -97,7 +97,7 @@ def test_a_run_without_presses_or_without_contact_heights_has_no_spikes(run: Run
         visits_of(_without(run, "touch"), config)
 
 
-def test_a_run_that_was_killed_in_a_hold_is_lifted(run: Run, config: Config) -> None:
+def test_the_simulated_indentor_lifts_after_a_run_that_was_killed_in_a_hold(run: Run, config: Config) -> None:
     """The journal ends in contact; the depth does not stay for ever."""
     last = max(n for n, (name, _) in enumerate(run.in_order) if name == "hold_end")
     found = visits_of(replace(run, in_order=list(run.in_order)[: last + 1]), config)
@@ -130,7 +130,7 @@ def _visit(run: Run, *events: Any, begun: Any = BEGUN, **tables: Any) -> Visit:
     return visit
 
 
-def test_a_visit_has_the_place_of_the_move_and_of_the_truth_where_it_is_known(run: Run) -> None:
+def test_a_simulated_press_uses_the_true_place_where_known_and_else_that_of_the_move(run: Run) -> None:
     """A press may begin without the name of its indentor; what was mounted is on."""
     held = {"t_s": 9.0, "doi_mm": 0.5}
     truth = {"true_doi_mm": 0.52, "true_x_mm": 1.02}
@@ -144,13 +144,13 @@ def test_a_visit_has_the_place_of_the_move_and_of_the_truth_where_it_is_known(ru
     assert found.indentor == "step"
 
 
-def test_the_depth_is_less_what_the_rig_gives(run: Run) -> None:
+def test_the_depth_given_to_afferents_is_corrected_for_the_compliance_of_the_rig(run: Run) -> None:
     visit = _visit(run, _sample(8.0, -0.5, 10.0), LIFTED)
     assert visit.path.depth_mm(8.0) == pytest.approx(0.5 - 10.0 * GWT_N, abs=1e-9)
 
 
 @pytest.mark.parametrize(("phase", "mm_s"), [("press", 0.8), ("approach", 0.2)])
-def test_each_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float) -> None:
+def test_each_simulated_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float) -> None:
     """0.4 mm: at half its time it is half way, and it rests at its end."""
     habits = {"press_speed_mm_s": 0.8, "approach_speed_mm_s": 0.2}
     visit = _visit(run, _sample(8.0, -0.1), _sample(18.0, -0.5, phase=phase), LIFTED, habits=habits)
@@ -163,7 +163,7 @@ def test_each_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float)
 
 
 @pytest.mark.usefixtures("cheap")
-def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: Fingertip) -> None:
+def test_simulated_spikes_repeat_with_their_seed(run: Run, config: Config, finger: Fingertip) -> None:
     first, again = _spikes(run, config, finger), _spikes(run, config, finger)
     assert [one.spike_s.tolist() for one in first.trains] == [one.spike_s.tolist() for one in again.trains]
     alone = _spikes(run, config, finger, "RA@0")
@@ -188,7 +188,7 @@ def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger:
 
 
 @pytest.mark.usefixtures("cheap")
-def test_pieces_do_not_move_spikes(
+def test_simulated_spikes_do_not_depend_on_the_piece_length(
     run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = _spikes(run, config, finger)
@@ -225,7 +225,7 @@ def _same(record: SpikeRecord, times: Callable[[int], Any]) -> None:
             assert np.asarray(times(k)).tolist() == train.spike_s.tolist()
 
 
-def test_csv_is_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None:
+def test_spikes_in_csv_are_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None:
     write_csv(run.folder, record)
     again = read_spikes(run.folder)
     assert again is not None
@@ -236,7 +236,7 @@ def test_csv_is_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None
     assert (again.seed, again.path_m) == (7, 0.2)
 
 
-def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord) -> None:
+def test_spikes_in_nwb_are_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None:
     pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
     run = _with_pulses(run)
     path = export_nwb(run, record)
@@ -253,7 +253,7 @@ def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord) -> None:
 
 
 @pytest.mark.parametrize("silent", [1, 3])
-def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord, silent: int) -> None:
+def test_the_nwb_inspector_accepts_a_file_of_simulated_spikes(run: Run, record: SpikeRecord, silent: int) -> None:
     """One afferent of three is silent, or all are: inspectors fail on a column without any spike."""
     pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
     inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
@@ -269,7 +269,7 @@ def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord, silent: int)
     assert {one.check_function_name for one in found} <= left
 
 
-def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord) -> None:
+def test_spikes_in_nix_are_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None:
     pytest.importorskip("nixio", reason="needs neo and nixio: pip install 'indentation-rig[neo]'")
     run = _with_pulses(run)
     path = write_nix(run, record)
@@ -282,7 +282,7 @@ def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord) -> None:
 
 
 @pytest.mark.usefixtures("cheap", "empty_figures", "finger")
-def test_the_command_writes_files_and_figures(run: Run, program: Program) -> None:
+def test_rig_nerve_writes_spike_files_and_report_figures(run: Run, program: Program) -> None:
     ended = program("nerve", str(run.folder.path), "--afferents", AFFERENTS, "--json")
     assert ended.code == 0, ended.err
     answer = ended.json
@@ -303,7 +303,7 @@ def test_the_command_writes_files_and_figures(run: Run, program: Program) -> Non
 
 
 @pytest.mark.parametrize("command", ["show", "export --csv", f"nerve --afferents {AFFERENTS}"])
-def test_an_answer_names_what_is_wrong_with_its_run(run: Run, program: Program, command: str) -> None:
+def test_a_json_answer_warns_of_a_run_with_a_missing_file(run: Run, program: Program, command: str) -> None:
     (run.folder.path / "protocol.py").unlink()
     name, *options = command.split()
     ended = program(name, str(run.folder.path), *options, "--json")
@@ -314,7 +314,7 @@ def test_an_answer_names_what_is_wrong_with_its_run(run: Run, program: Program, 
 
 
 @pytest.mark.usefixtures("cheap")
-def test_spikes_become_rates(run: Run, config: Config, finger: Fingertip) -> None:
+def test_rates_from_simulated_spikes_are_the_counts_in_the_holds(run: Run, config: Config, finger: Fingertip) -> None:
     """What `rig compare --recorded bar:3.0=synthetic_spikes.nwb#0` reads: counts in the holds, at each position."""
     record = _spikes(run, config, finger, "SA1@0")
     path = export_nwb(run, record)
@@ -348,7 +348,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
 
 
 @pytest.mark.usefixtures("empty_figures")
-def test_a_dry_run_adds_spikes(program: Program, mine: tuple[str, ...]) -> None:
+def test_a_dry_run_with_afferents_writes_the_spikes_of_rig_nerve(program: Program, mine: tuple[str, ...]) -> None:
     """And `rig nerve` gives the same spikes afterwards."""
     ended = program(*mine, "--afferents", "SA1@0")
     assert ended.code == 0, ended.err
@@ -368,7 +368,7 @@ FORECASTS = {  # afferents, whether any fires: a bar to 0.4 mm by increments of 
 
 
 @pytest.mark.parametrize("afferents", FORECASTS)
-def test_silence_is_announced_before_the_work_with_the_speed_that_ends_it(
+def test_check_announces_silent_afferents_and_the_speed_at_which_they_fire(
     program: Program, mine: tuple[str, ...], afferents: str
 ) -> None:
     _, script, *more, _ = mine

@@ -64,7 +64,7 @@ def _reading(force: ForceSensor) -> ForceReading:
 
 
 @pytest.mark.skipif(find_spec("pynetft") is None, reason="pynetft comes with the dev extra")
-def test_pynetft_reads_counts_and_records_and_biases() -> None:
+def test_pynetft_reads_and_biases_the_virtual_net_ft_sensor() -> None:
     import pynetft
 
     with _served() as (number, sensor):
@@ -90,7 +90,7 @@ def test_pynetft_reads_counts_and_records_and_biases() -> None:
             until(lambda: client.health().device_error_count)
 
 
-def test_the_driver_reads_over_real_datagrams() -> None:
+def test_the_net_ft_driver_reads_and_zeroes_over_real_datagrams() -> None:
     with _served() as (number, sensor):
         table = {"kind": "net_ft", "port": f"udp://127.0.0.1:{number}", "net_ft": {"http_port": number}}
         config = Config.model_validate({"force": table})
@@ -114,7 +114,7 @@ def test_the_driver_reads_over_real_datagrams() -> None:
 
 
 @pytest.mark.parametrize("tcp", [None, 0])
-def test_rig_serve_offers_records_and_page_at_one_number(tcp: int | None) -> None:
+def test_rig_serve_offers_net_ft_records_and_settings_page_at_one_port_number(tcp: int | None) -> None:
     with ServedBench(Config(), stage=None, force="net_ft", tcp=tcp) as bench:
         thread = threading.Thread(target=bench.run)
         thread.start()

@@ -98,13 +98,13 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_walk_has_every_command() -> None:
+def test_the_progress_tests_cover_every_command() -> None:
     assert WALK.keys() == COMMANDS.keys()
 
 
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("name", WALK)
-def test_a_command_says_what_it_does_before_it_does_it(
+def test_every_command_announces_its_work_on_stderr_before_it_begins(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On standard error alone; not at all where only a program starts the command."""
@@ -157,7 +157,7 @@ PIECES = {  # finished pieces of 12 and when, and the time left at the last of t
 
 
 @pytest.mark.parametrize("name", PIECES)
-def test_the_time_left_is_that_of_the_pieces_of_this_time(name: str) -> None:
+def test_the_time_left_follows_from_the_pieces_done_so_far(name: str) -> None:
     clock = Clock()
     activity = Activity("cases", 12, clock)
     assert activity.title == "12 cases"
@@ -202,7 +202,7 @@ def after(pipe: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> Callable[[float
     return lines
 
 
-def test_silence_is_broken_by_what_is_in_progress(after: Callable[[float], list[str]]) -> None:
+def test_a_long_silence_prints_the_activity_in_progress(after: Callable[[float], list[str]]) -> None:
     """By the innermost activity, and by none while a person acts."""
     with starting("rig check"):
         assert after(0.4) == []

@@ -41,7 +41,7 @@ def run(spring: Any, tmp_path: Path) -> Run:
     return read_run(bench.journal_path.parent)
 
 
-def test_the_file_is_valid_and_says_what_the_journal_says(run: Run) -> None:
+def test_an_nwb_file_holds_the_presses_and_times_of_the_journal(run: Run) -> None:
     path = export_nwb(run)
     assert path == run.folder.path / "run.nwb"
     assert not list(run.folder.path.glob("*.part*"))
@@ -66,7 +66,7 @@ def test_the_file_is_valid_and_says_what_the_journal_says(run: Run) -> None:
         assert file.session_start_time == datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
 
 
-def test_sync_pulses_are_intervals(run: Run) -> None:
+def test_an_nwb_file_holds_sync_pulses_as_intervals(run: Run) -> None:
     pulses = [{"t_s": t, "rise_s": t, "width_s": 0.25, "uncertainty_s": 0.001} for t in (1.5, 4.0)]
     path = export_nwb(replace(run, events={**run.events, "sync": pulses}))
     with pynwb.NWBHDF5IO(path, "r") as io:
@@ -78,7 +78,7 @@ def test_sync_pulses_are_intervals(run: Run) -> None:
 
 @pytest.mark.quick(rows=lambda code: code != "")
 @pytest.mark.parametrize("code", ["S07", "", None])
-def test_a_subject_is_in_the_file_by_its_code(run: Run, code: str | None) -> None:
+def test_an_nwb_file_names_the_subject_by_its_code(run: Run, code: str | None) -> None:
     path = export_nwb(replace(run, start={**run.start, "subject": code}))
     if code:
         assert pynwb.validate(path=str(path)) in ([], ([], 0))
@@ -87,7 +87,7 @@ def test_a_subject_is_in_the_file_by_its_code(run: Run, code: str | None) -> Non
         assert (subject.subject_id if code else subject) == (code or None)
 
 
-def test_the_validators_find_nothing(run: Run) -> None:
+def test_the_nwb_validators_accept_an_exported_run(run: Run) -> None:
     inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
     path = export_nwb(run)
     assert pynwb.validate(path=str(path)) in ([], ([], 0))
@@ -100,7 +100,7 @@ def test_the_validators_find_nothing(run: Run) -> None:
     assert {m.check_function_name for m in found} <= {"check_subject_exists"}, found
 
 
-def test_without_pynwb_there_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_export_to_nwb_without_pynwb_is_refused_and_writes_nothing(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pynwb", None)
     with raises(NwbMissingError, "pynwb_missing"):
         export_nwb(run)

@@ -32,7 +32,9 @@ def _quiet() -> Iterator[None]:
 @pytest.mark.parametrize("share", SHARES)
 @pytest.mark.parametrize("framing", SAMPLE)
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_one_fault_in_one_frame_moves_nothing_elsewhere(motion: str, framing: Framing, share: str) -> None:
+def test_a_drive_goes_nowhere_but_its_target_after_one_faulty_frame(
+    motion: str, framing: Framing, share: str
+) -> None:
     assert wrong(motion, framing, None) == ""
     sample = random.Random(f"{motion} {framing}").sample(
         list(faults(motion, framing)), SAMPLE[framing] // SHARES[share]
@@ -48,7 +50,7 @@ def _out_frame(motion: str, part: str) -> int:
     return next(n for n, frame in enumerate(bench.wire.frames[True]) if bytes.fromhex(part) in frame)
 
 
-def test_no_wrong_bit_of_a_trigger_moves_anything_elsewhere() -> None:
+def test_no_wrong_bit_in_a_trigger_frame_starts_another_path() -> None:
     """0011, 0012, 0014 and 0018 would run what the owner's EEPROM holds; another unit, the other drive's path."""
     number = _out_frame("press", "06 60 02 00 10")
     cases = [FrameFault(True, number, "bit", byte, bit) for byte in range(12) for bit in range(8)]
@@ -62,7 +64,7 @@ def _modes(drive: VirtualDrive) -> list[int]:
     return [drive.read(0x6200 + 8 * number, 1)[0] for number in range(16)]
 
 
-def test_a_path_that_was_given_up_is_dropped() -> None:
+def test_a_halt_clears_the_path_that_it_ended() -> None:
     bench = DriveBench("tcp")
     next(bench.stage.moving(z_mm=-6.0, speed_mm_s=1.0))
     assert _modes(bench.z)[0] == 1
@@ -70,7 +72,7 @@ def test_a_path_that_was_given_up_is_dropped() -> None:
     assert (bench.stage.homed, _modes(bench.z)) == (True, [0] * 16)
 
 
-def test_homing_disarms_a_drive_that_was_switched_off() -> None:
+def test_homing_clears_the_stored_paths_of_a_drive_that_was_switched_off() -> None:
     bench = DriveBench("tcp")
     for drive in (bench.x, bench.z):
         drive.power_cycle()
@@ -87,7 +89,7 @@ def test_homing_disarms_a_drive_that_was_switched_off() -> None:
     ],
     ids=["jog", "home"],
 )
-def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
+def test_a_path_written_to_the_wrong_drive_is_cleared_before_any_motion(
     move: Callable[[LeadshineStage], None],
 ) -> None:
     bench = DriveBench("tcp")
@@ -104,14 +106,14 @@ def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
 # What the drives do where one of the precautions is left out.
 
 
-def test_a_path_that_is_not_read_back_presses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_reading_a_path_back_a_wrong_bit_would_press(monkeypatch: pytest.MonkeyPatch) -> None:
     number = _out_frame("press", "10 62 00 00 07")
     monkeypatch.setattr(LeadshineDrive, "compare", lambda *_: None)
     assert wrong("press", "tcp", FrameFault(True, number, "bit", 17, 4)).startswith("z -")
 
 
 @pytest.mark.parametrize("bit", [0, 1, 2, 3])
-def test_a_path_of_the_owner_presses(monkeypatch: pytest.MonkeyPatch, bit: int) -> None:
+def test_without_clearing_stored_paths_a_wrong_bit_would_run_one(monkeypatch: pytest.MonkeyPatch, bit: int) -> None:
     number = _out_frame("press", "06 60 02 00 10")
     monkeypatch.setattr(LeadshineDrive, "disarm", lambda drive: setattr(drive, "harmless", True))
     assert wrong("press", "tcp", FrameFault(True, number, "bit", 11, bit)).startswith("z -")

@@ -26,7 +26,7 @@ def _uses(tree: ast.AST) -> list[str]:
     return found
 
 
-def test_only_the_clock_sleeps_or_asks_for_the_time() -> None:
+def test_only_the_clock_module_sleeps_or_reads_the_time() -> None:
     found = {
         path.relative_to(PACKAGE).as_posix(): uses
         for path, tree in trees_with(PACKAGE, "time")

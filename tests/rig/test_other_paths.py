@@ -11,9 +11,7 @@ PRESS = ("indent", "--shape", "bar:1.5", "--x-mm", "1.215", "--doi-mm", "0.237",
 STEADY = ("indent", "--shape", "wedge:60", "--x-mm", "0.876", "--doi-mm", "0.3", "--other-paths")
 
 
-def test_the_spread_over_other_paths_is_reported_and_is_none_where_all_agree(
-    program: Program, finger: Fingertip
-) -> None:
+def test_indent_reports_how_far_its_force_depends_on_the_solution_path(program: Program, finger: Fingertip) -> None:
     depends = finger.indent("bar:1.5", 1.215, doi_mm=0.237, other_paths=True)
     assert program(*PRESS, "--json").json["path"]["spread"] == depends.path_spread > 0.005
     assert f"a spread of {100 * depends.path_spread:.2f}%" in program(*PRESS).out

@@ -55,7 +55,7 @@ def watched() -> Watched:
 @pytest.mark.quick(rows=lambda motion, what: what == "twice the feed" or motion == "press")
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", OVERRIDES)
-def test_an_override_trips_and_lifts_at_full_speed(watched: Watched, motion: str, what: str) -> None:
+def test_a_speed_override_trips_and_lifts_at_full_speed(watched: Watched, motion: str, what: str) -> None:
     data, says = OVERRIDES[what]
     engine = watched.ready()
     begin, after_s = MOTIONS[motion]
@@ -71,7 +71,7 @@ def test_an_override_trips_and_lifts_at_full_speed(watched: Watched, motion: str
 
 
 @pytest.mark.parametrize(("on_trip", "above_mm"), [("park", 10.0), ("retract", CLEARANCE_MM)])
-def test_an_override_lifts_as_high_as_any_trip(on_trip: str, above_mm: float) -> None:
+def test_a_speed_override_lifts_as_high_as_any_trip(on_trip: str, above_mm: float) -> None:
     watched = Watched(GRBL, on_trip=on_trip)
     engine = watched.ready()
     _pressed(engine)
@@ -81,7 +81,7 @@ def test_an_override_lifts_as_high_as_any_trip(on_trip: str, above_mm: float) ->
     assert watched.pose.above_apex_mm == pytest.approx(above_mm, abs=0.003)
 
 
-def test_an_override_stays_where_a_trip_stays() -> None:
+def test_a_speed_override_stops_without_a_lift_where_trips_stop() -> None:
     watched = Watched(GRBL, on_trip="stop")
     engine = watched.ready()
     _struck(watched, b"\x91", after_s=0.25)
@@ -92,7 +92,7 @@ def test_an_override_stays_where_a_trip_stays() -> None:
 
 
 @pytest.mark.parametrize("data", [b"\x92" * 9, b"\x91" * 10])
-def test_an_override_during_the_lift_of_a_trip_does_not_end_the_lift(watched: Watched, data: bytes) -> None:
+def test_a_speed_override_during_the_lift_after_a_trip_does_not_end_the_lift(watched: Watched, data: bytes) -> None:
     """It goes up at the speed it was told, and further up each time."""
     engine = watched.ready()
     _pressed(engine)
@@ -105,7 +105,7 @@ def test_an_override_during_the_lift_of_a_trip_does_not_end_the_lift(watched: Wa
     assert watched.bench.stage.homed
 
 
-def test_a_lift_that_is_overridden_again_and_again_is_an_error(watched: Watched) -> None:
+def test_a_lift_overridden_five_times_ends_with_an_error(watched: Watched) -> None:
     engine = watched.ready()
     engine.go_to_height(1.95, 0.5)
     stage, went = watched.bench.stage, []
@@ -127,7 +127,7 @@ STEPS = {"down": ("z", -1.5), "up": ("z", 5.0), "sideways": ("x", 5.0)}
 
 
 @pytest.mark.parametrize("name", STEPS)
-def test_a_step_ends_at_rest_says_why_and_homing_goes_at_full_speed(name: str) -> None:
+def test_a_manual_step_ends_at_rest_on_a_speed_override_until_homing(name: str) -> None:
     bench = SessionBench("grbl", zero=ForceZero(0.0, 0.0))
     _struck(bench, b"\x92" * 5, after_s=1.6 if name == "sideways" else 0.8)  # contact, before the motion
     axis, by_mm = STEPS[name]
@@ -141,7 +141,7 @@ def test_a_step_ends_at_rest_says_why_and_homing_goes_at_full_speed(name: str) -
     assert bench.step("z", -0.5).ended_by is None
 
 
-def test_a_step_above_a_trip_is_left_all_the_same() -> None:
+def test_a_manual_step_that_trips_lifts_despite_a_speed_override() -> None:
     """Pressed to the trip, and somebody changes the speed just as it goes back up."""
     bench = SessionBench("grbl", k_gwt=6000.0, above_mm=0.52, soft_trip_n=0.1)
     trip, struck = bench.session.engine.trip, []

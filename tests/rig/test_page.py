@@ -87,7 +87,9 @@ def _page(ended: Ended) -> dict[str, str]:
     return dict(line.split(maxsplit=1) for line in ended.err.splitlines() if re.match(r"[a-z]+ {2,}\S", line))
 
 
-def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fingertip) -> None:
+def test_the_start_page_of_a_run_states_steps_forces_trips_and_speed(
+    rig: Run, opened: list[Any], finger: Fingertip
+) -> None:
     ended = rig(*RUN, "--subject", "S07", "--yes", "--json")
     assert ended.code == 0, ended.err
     page = _page(ended)
@@ -110,7 +112,7 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
 
 
 @pytest.mark.parametrize("command", ["run", "resume"])
-def test_without_a_terminal_nothing_is_opened(
+def test_run_and_resume_without_a_terminal_open_no_port_unless_confirmed_by_yes(
     rig: Run, opened: list[Any], command: str, tmp_path: Path, made_once: MadeOnce
 ) -> None:
     arguments: tuple[str, ...] = RUN
@@ -126,7 +128,9 @@ def test_without_a_terminal_nothing_is_opened(
 
 
 @pytest.mark.parametrize(("typed", "code"), [("\n", 0), ("n\n", 130), ("", 130)])
-def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int) -> None:
+def test_the_start_page_of_a_run_is_confirmed_once(
+    rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int
+) -> None:
     ended = rig(*RUN, typed=typed)
     assert ended.code == code, ended.err
     assert ended.err.count("press Enter to start, Ctrl-C to cancel") == 1
@@ -137,7 +141,7 @@ def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path,
 
 @pytest.mark.parametrize(("typed", "done"), [("\n", ["planned", "reported"]), ("n\n", ["planned"]), (None, None)])
 @pytest.mark.parametrize("command", ["run", "resume"])
-def test_the_stage_is_in_hand_from_before_the_plan_to_after_the_report(
+def test_the_stage_port_stays_open_from_before_planning_until_after_the_report(
     rig: Run,
     monkeypatch: pytest.MonkeyPatch,
     command: str,
@@ -172,7 +176,7 @@ def test_the_stage_is_in_hand_from_before_the_plan_to_after_the_report(
     ("mounted", "code"),
     [((), "mount_by_hand"), (("--mounted", "bar:2"), "mount_by_hand"), (("--mounted", "bar:3"), None)],
 )
-def test_what_must_be_mounted_by_hand_is_refused_before_a_port_opens_where_nobody_can_answer(
+def test_a_run_that_needs_a_manual_mount_is_refused_when_nobody_can_answer(
     rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch, mounted: tuple[str, ...], code: str | None
 ) -> None:
     monkeypatch.setattr(confirming, "_text_waits", lambda: False)
@@ -204,7 +208,7 @@ def test_a_sensor_that_does_not_answer_ends_the_run_before_anybody_mounts(
         (Request("mount bar:3.0"), True),  # the words alone ask for no indentor
     ],
 )
-def test_a_request_names_its_indentor_in_a_field(
+def test_a_mounting_request_is_skipped_only_for_the_indentor_in_its_field(
     request_: Request, asked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "ask_at_the_bench", lambda request, asking: "typed")
@@ -227,7 +231,9 @@ def _killed(rig: Run, made_once: MadeOnce) -> Path:
     return run
 
 
-def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_path: Path) -> None:
+def test_every_command_after_a_killed_run_names_its_resume_command(
+    rig: Run, opened: list[Any], tmp_path: Path
+) -> None:
     """Until the run is taken up and has come to its end, doctor, run and resume say where the indentor was."""
     run = _killed(rig, lambda kind, make: (make(), *(tmp_path / "runs").iterdir())[1])
     line = f"rig resume {run}"
@@ -300,7 +306,7 @@ REFUSED: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], None], str | None,
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_ends_before_it_begins_says_that_nothing_was_moved(
+def test_a_run_that_is_refused_before_it_begins_reports_that_it_did_not_move(
     rig: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     prepare, typed, code, next_ = REFUSED[name]
@@ -317,7 +323,7 @@ def test_what_ends_before_it_begins_says_that_nothing_was_moved(
 
 
 @pytest.mark.parametrize("command", ["resume", "dry-run"])
-def test_a_resume_and_a_dry_run_that_are_refused_say_so_too(rig: Run, tmp_path: Path, command: str) -> None:
+def test_a_refused_resume_or_dry_run_reports_that_it_did_not_move(rig: Run, tmp_path: Path, command: str) -> None:
     (tmp_path / "empty.py").touch()
     what = "empty.py" if command == "dry-run" else str(tmp_path)
     ended = rig(command, what, "--json")
@@ -325,7 +331,7 @@ def test_a_resume_and_a_dry_run_that_are_refused_say_so_too(rig: Run, tmp_path: 
     assert ("where   not moved" in rig(command, what).err) is (command == "resume")
 
 
-def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
+def test_a_run_that_fails_after_it_began_does_not_report_that_it_did_not_move(
     rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.cli.script_execution.make_report", _raising(ModelRangeError("no such force")))

@@ -71,7 +71,7 @@ def _lifted(done: FinishedRun, code: str, fields: dict[str, object]) -> None:
 
 
 @pytest.mark.parametrize("round_", ROUNDS)
-def test_it_is_ended_and_the_finger_left(
+def test_an_endless_script_is_ended_at_its_cap_with_the_finger_lifted(
     going_round: Callable[[str, int], Script], finger: Fingertip, tmp_path: Path, round_: str
 ) -> None:
     what, (code, fields) = ROUNDS[round_]
@@ -96,7 +96,7 @@ def test_it_is_ended_and_the_finger_left(
         make_plan(stopped.script, stopped.config, finger, stopped.run, stopped.folder.path)
 
 
-def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
+def test_the_silence_limit_is_off_while_a_step_is_carried_out(
     going_round: Callable[[str, int], Script], finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No alarm is set while a step is carried out. Plan and rehearsal ask the model, the run no more."""
@@ -123,14 +123,16 @@ def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
     assert len(during) > 50
 
 
-def test_as_many_steps_as_the_cap_are_no_more(going_round: Callable[[str, int], Script], finger: Fingertip) -> None:
+def test_a_script_with_exactly_the_highest_number_of_steps_is_accepted(
+    going_round: Callable[[str, int], Script], finger: Fingertip
+) -> None:
     """Six are the script's own."""
     assert make_plan(going_round("[rig.note('again') for _ in range(44)]", 1), Config(), finger)
     with raises(BadInputError, "too_many_steps", verb="indent", high=50):  # the last step is one too many
         make_plan(going_round("[rig.note('again') for _ in range(45)]", 1), Config(), finger)
 
 
-def test_silence_counts_before_the_first_step_too(
+def test_a_script_that_is_silent_before_its_first_step_is_ended(
     finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
@@ -151,7 +153,7 @@ def somebodys() -> Iterator[list[int]]:
 
 
 @pytest.mark.parametrize(("their_s", "took_s", "left_s"), [(100.0, 40.0, 60.0), (0.0, 40.0, 0.0)])
-def test_somebody_elses_alarm_is_given_back_with_what_is_left_of_it(
+def test_planning_restores_an_earlier_timer_with_its_remaining_time(
     somebodys: list[int], monkeypatch: pytest.MonkeyPatch, their_s: float, took_s: float, left_s: float
 ) -> None:
     now_s = iter([1000.0, 1000.0 + took_s])
@@ -167,7 +169,7 @@ def test_somebody_elses_alarm_is_given_back_with_what_is_left_of_it(
     assert not somebodys
 
 
-def test_elsewhere_than_on_the_main_thread_there_are_no_alarms() -> None:
+def test_planning_outside_the_main_thread_sets_no_timer() -> None:
     went = list[str]()
 
     def impatiently() -> None:

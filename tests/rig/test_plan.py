@@ -48,7 +48,7 @@ def test_noise_does_not_trip_the_lightest_press(forces_gwt: list[float]) -> None
     assert plan.soft_trip_n == 0.02
 
 
-def test_a_run_that_is_taken_up_keeps_its_soft_trip() -> None:
+def test_a_resumed_run_keeps_its_soft_trip() -> None:
     plan = Plan(first_soft_trip_n=0.7)
     plan.presses["data"].append(_planned(50.0))
     assert plan.soft_trip_n == 0.7
@@ -66,7 +66,7 @@ def _plan(tmp_path: Path, finger: Fingertip, body: str, **options: Any) -> Plan:
 READY = "    rig.mount('sphere:2'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)\n"
 
 
-def test_presses_go_into_the_plan_by_purpose_and_touches_in_their_order(tmp_path: Path, finger: Fingertip) -> None:
+def test_a_plan_lists_presses_by_purpose_and_touches_in_order(tmp_path: Path, finger: Fingertip) -> None:
     body = (
         f"def run(rig):\n{READY}"
         "    rig.precondition(presses=2, doi_mm=0.2)\n"
@@ -86,7 +86,7 @@ def test_presses_go_into_the_plan_by_purpose_and_touches_in_their_order(tmp_path
     assert plan.first_soft_trip_n is None
 
 
-def test_a_script_that_is_planned_is_answered_by_the_model(tmp_path: Path, finger: Fingertip) -> None:
+def test_while_planning_a_script_receives_the_answers_of_the_model(tmp_path: Path, finger: Fingertip) -> None:
     """It may go by the answer: here it presses half as deep as it did at first."""
     pressed = "    found = rig.indent(doi_mm=0.4)\n    rig.indent(doi_mm=found.holds[0].doi_mm / 2)\n"
     plan = _plan(tmp_path, finger, f"def run(rig):\n{READY}{pressed}")
@@ -113,7 +113,7 @@ def test_a_script_that_is_planned_is_answered_by_the_model(tmp_path: Path, finge
     ],
     ids=["asynchronous", "no data", "an error", "an exit"],
 )  # fmt: skip
-def test_a_script_that_cannot_be_carried_out(
+def test_a_script_that_cannot_be_carried_out_is_refused_with_its_line(
     tmp_path: Path, finger: Fingertip, body: str, code: str, where: dict[str, str], fields: dict[str, Any]
 ) -> None:
     at = {name: f"{tmp_path}/{one}" for name, one in where.items()}
@@ -125,7 +125,7 @@ def test_a_script_that_cannot_be_carried_out(
 
 
 @pytest.mark.parametrize(("along_mm", "z_mm"), [(-1.5, 5.393), (0.0, 6.893), (1.5, 8.393)])
-def test_along_the_finger_is_counted_from_the_receptor_plane_towards_the_tip(
+def test_positions_along_the_finger_count_from_the_receptor_plane_towards_the_tip(
     finger: Fingertip, along_mm: float, z_mm: float
 ) -> None:
     """The plane is 6.893 mm from the proximal end: 12.75 − 5.857."""
@@ -135,7 +135,7 @@ def test_along_the_finger_is_counted_from_the_receptor_plane_towards_the_tip(
 
 
 @pytest.mark.parametrize("converged", [True, False])
-def test_what_does_not_converge_is_no_prediction(finger: Fingertip, converged: bool) -> None:
+def test_a_press_that_does_not_converge_gives_no_prediction(finger: Fingertip, converged: bool) -> None:
     state = SimpleNamespace(converged=converged, residual=3e-5)
     result = SimpleNamespace(
         state=state, touch_height_mm=4.0, force_gwt=2.0, doi_mm=0.1, contact_area_mm2=1.0, peak_pressure_mpa=0.1

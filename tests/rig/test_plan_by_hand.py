@@ -77,7 +77,7 @@ def _model(finger: LawFinger, kept: Predictions | None = None, identified: Ident
 
 
 @pytest.mark.parametrize("target", [DEPTH, FORCE], ids=lambda target: target.kind)
-def test_a_press_is_predicted_once(target: Target) -> None:
+def test_the_model_solves_each_press_once(target: Target) -> None:
     finger, kept = LawFinger(), dict[Any, Prediction]()
     model = _model(finger, kept)
     depth_mm = 0.5 if target is DEPTH else 0.4 ** (2 / 3)
@@ -91,7 +91,7 @@ def test_a_press_is_predicted_once(target: Target) -> None:
     assert _model(LawFinger(k_gwt=99.0), kept).press("bar:3.0", 0.25, target) == expected
 
 
-def test_a_press_without_an_answer_has_no_prediction() -> None:
+def test_a_press_that_the_model_cannot_solve_has_no_prediction() -> None:
     with raises(NoPredictionError, "not_converged", residual=0.25):
         _model(LawFinger(converged=False)).press("bar:3.0", 0.25, DEPTH)
     with raises(ForceTooDeepError, "force_out_of_reach"):
@@ -132,7 +132,7 @@ def _law(depth_mm: float = 0.5) -> Any:
     return K_GWT * np.linspace(0.9, 1.1, 8) * depth_mm**1.5
 
 
-def test_a_band_at_a_depth_is_that_of_the_relaxed_forces(likely: list[LawFinger]) -> None:
+def test_the_band_of_a_depth_press_is_that_of_the_relaxed_forces_of_likely_fingers(likely: list[LawFinger]) -> None:
     identified, kept = _identified("a depth"), dict[Any, Prediction]()
     model = _model(LawFinger(), kept, identified)
     assert model.press("bar:3.0", 0.25, DEPTH).band is None
@@ -159,7 +159,7 @@ def test_a_band_at_a_depth_is_that_of_the_relaxed_forces(likely: list[LawFinger]
 
 @pytest.mark.parametrize("relaxation", [SERIES, ()], ids=["relaxes", "elastic"])
 @pytest.mark.usefixtures("likely")
-def test_a_band_at_a_force_is_that_of_the_depths(relaxation: Any) -> None:
+def test_the_band_of_a_force_press_is_that_of_the_depths_of_likely_fingers(relaxation: Any) -> None:
     """Where it relaxes it is pressed deeper; the pace is that of the depth of an elastic finger."""
     identified = _identified(f"a force {len(relaxation)}", relaxation)
     found = _model(LawFinger(), identified=identified).press("bar:3.0", 0.25, FORCE, PACE)
@@ -176,7 +176,7 @@ def test_a_band_at_a_force_is_that_of_the_depths(relaxation: Any) -> None:
 
 @pytest.mark.parametrize("target", [DEPTH, FORCE], ids=lambda target: target.kind)
 @pytest.mark.parametrize("lost", [0, 2, 3])
-def test_a_band_may_leave_out_a_quarter_of_the_likely_fingers(
+def test_a_band_is_refused_if_more_than_a_quarter_of_the_likely_fingers_has_no_answer(
     target: Target, lost: int, likely: list[LawFinger], caplog: pytest.LogCaptureFixture
 ) -> None:
     identified = _identified(f"lost {lost} {target.kind}", ())
@@ -237,7 +237,7 @@ BANDED = PredictionBand((3.5, 4.5), (0.5, 0.5), 6.0)
         ([planned(1.0)], 1.0, 0.02 / GWT_N),
     ],
 )
-def test_the_trip_is_twice_the_peak_or_a_quarter_above_a_band(
+def test_the_soft_trip_is_twice_the_peak_or_a_quarter_above_the_band(
     presses: list[PlannedIndentation], peak_gwt: float, times: float
 ) -> None:
     plan = _plan(*presses)
@@ -246,7 +246,7 @@ def test_the_trip_is_twice_the_peak_or_a_quarter_above_a_band(
     assert _plan(*presses, first_soft_trip_n=0.75).soft_trip_n == 0.75
 
 
-def test_presses_of_every_purpose_count() -> None:
+def test_the_planned_peak_force_counts_presses_of_every_purpose() -> None:
     plan = _plan(planned(3.0))
     assert (Plan().peak_force_gwt, Plan().indentations, Plan().all_presses) == (0.0, [], [])
     plan.presses["precondition"].append(planned(4.0))
@@ -322,7 +322,7 @@ def test_a_press_that_rises_past_the_trip_while_a_sample_ages_is_refused(ramp: b
 # --- a script that is planned ---
 
 
-def test_a_planned_script_leaves_its_presses_touches_mounts_and_speeds() -> None:
+def test_the_plan_of_a_script_holds_its_presses_touches_mounts_and_speeds() -> None:
     state, plan = ScriptState(Config(), StandIn()), Plan()
     rig = Rig(ProtocolParameters(), state, Planner(state, plan))
     ready(rig, 0.5)
@@ -354,7 +354,7 @@ PROMISE = PredictedBand("data", 1, "force_gwt", 3.5, 4.0, 4.5)
 @pytest.mark.parametrize(
     ("measured", "kept"), [(3.5, True), (4.5, True), (3.49, False), (4.51, False), (math.nan, False)]
 )
-def test_a_promise_is_kept_up_to_its_ends(measured: float, kept: bool) -> None:
+def test_a_prediction_holds_up_to_the_ends_of_its_band(measured: float, kept: bool) -> None:
     assert PredictionCheck(PROMISE, "bar", 0.25, measured).kept is kept
 
 
@@ -362,7 +362,7 @@ def _run(promised: Any, **streams: Any) -> Any:
     return SimpleNamespace(start=promised, stream=lambda name: streams.get(name, []))
 
 
-def test_a_promise_is_compared_with_the_last_hold_of_a_finished_press() -> None:
+def test_a_prediction_is_compared_with_the_last_hold_of_a_finished_press() -> None:
     begun = [{"index": k, "indentor": "bar", "x_mm": 0.25, "increments": 2} for k in (0, 1, 2)]
     holds = [{"index": k, "force_gwt": 10.0 * k + n, "doi_mm": 0.1 * n} for k, n in ((0, 1), (1, 1), (1, 2))]
     both = {"indentation_start": begun, "hold_end": holds}

@@ -53,7 +53,7 @@ def _from_ready(script: Callable[[Rig], object]) -> Walked:
 # --- what the plan expects and answers ---
 
 
-def test_an_indentation_is_foreseen_in_equal_parts() -> None:
+def test_an_indentation_in_increments_is_predicted_in_equal_parts() -> None:
     """10 gwt/mm: 0.5, 1 and 1.5 mm; a force that is foreseen does not scatter."""
     found = _from_ready(lambda rig: rig.indent(force_gwt=15.0, increments=3, hold_s=0.25))
     parts = [(5.0, 0.5), (10.0, 1.0), (15.0, 1.5)]
@@ -81,7 +81,7 @@ PACES: dict[str, tuple[Callable[[Rig], object], Pace]] = {
 
 
 @pytest.mark.parametrize("verb", PACES)
-def test_the_model_is_asked_for_a_press_at_its_pace(verb: str) -> None:
+def test_the_model_predicts_each_press_at_its_speed_increments_and_hold(verb: str) -> None:
     """Tissue that relaxes pushes harder the faster it is pressed. By the usual 1 mm/s and 0.05 mm."""
     script, pace = PACES[verb]
     asked: list[Pace | None] = []
@@ -107,7 +107,7 @@ def _live(bench: Any, finger: StandIn) -> tuple[Rig, Live, ScriptState]:
     return Rig(ProtocolParameters(), state, live), live, state
 
 
-def test_every_verb_is_carried_out(spring: Make) -> None:
+def test_a_live_script_carries_out_every_verb(spring: Make) -> None:
     """Contact lies 0.9 mm down, 0.4 mm further than it would be looked for without the model."""
     bench = spring(contact_mm=DEEP_MM)
     rig, _, _ = _live(bench, StandIn(contact_mm=DEEP_MM))
@@ -159,7 +159,7 @@ def test_a_press_is_limited_over_the_area_that_the_model_expects(spring: Make) -
     assert not bench.of("hold_end")
 
 
-def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -> None:
+def test_a_resumed_run_makes_missing_presses_at_the_place_the_script_had(spring: Make) -> None:
     """The move that is owed may be a later one, to another place."""
     bench = spring()
     rig, live, state = _live(bench, StandIn())
@@ -175,7 +175,7 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
 
 
 @pytest.mark.parametrize(("band_gwt", "alarms"), [((0.1, 10.0), 0), ((4.0, 6.0), 1)])
-def test_a_reference_is_held_to_the_band_of_an_identified_finger(
+def test_a_reference_press_outside_the_band_of_an_identified_finger_alarms(
     spring: Make, band_gwt: tuple[float, float], alarms: int
 ) -> None:
     """0.5 gwt at 0.2 mm."""
@@ -189,7 +189,7 @@ def test_a_reference_is_held_to_the_band_of_an_identified_finger(
     assert len(bench.of("alarm")) == alarms
 
 
-def test_a_step_that_an_interrupt_ends_stops_the_stage_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_in_a_step_stops_the_stage_before_it_propagates(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a script cannot catch comes when the stage is stopped; an error does not stop it."""
     engine = PlainBench(lambda bench: 0.0, {}).engine
     stopped: list[bool] = []
@@ -201,7 +201,7 @@ def test_a_step_that_an_interrupt_ends_stops_the_stage_first(monkeypatch: pytest
         assert stopped == stops
 
 
-def test_after_a_failure_that_a_script_swallowed_only_words_are_written() -> None:
+def test_after_a_swallowed_failure_a_script_can_only_write_notes_and_checkpoints() -> None:
     bench = PlainBench(lambda bench: 0.0, {})
     live = Live(bench.engine, ScriptState(bench.settings, StandIn()))
     at = PressPlace("bar", 0.0, 0.0, ())

@@ -40,7 +40,7 @@ def _pressed(program: Program, folder: Path, target: str, stiffness: float, *wor
         ("force_gwt=1.0", 0.5, "DOI", True),
     ],
 )
-def test_every_place_names_a_press_that_is_far_from_its_prediction(
+def test_a_press_far_from_its_prediction_is_named_in_warning_report_and_panel(
     program: Program, tmp_path: Path, target: str, stiffness: float, name: str, large: bool
 ) -> None:
     folder, err = _pressed(program, tmp_path, target, stiffness)
@@ -67,7 +67,7 @@ def test_every_place_names_a_press_that_is_far_from_its_prediction(
     assert warning in page
 
 
-def test_an_identified_finger_has_its_band() -> None:
+def test_a_press_on_an_identified_finger_is_judged_by_its_band() -> None:
     """Half the force is inside a wide band, and a tenth off outside a narrow one."""
     wide = PressDeviation(0, "bar:3.0", "force_gwt", 4.0, 2.0, (1.5, 6.0))
     narrow = PressDeviation(1, "bar:3.0", "force_gwt", 4.0, 4.4, (3.8, 4.2))
@@ -77,7 +77,7 @@ def test_an_identified_finger_has_its_band() -> None:
     assert warning.startswith("1 of 2 presses is outside their predicted band: force 1.10 times")
 
 
-def test_who_follows_a_run_uses_the_band_of_an_identified_finger() -> None:
+def test_the_live_run_state_judges_a_press_by_the_band_of_an_identified_finger() -> None:
     """Half the predicted force lies in the band that the first document promises."""
     band = {"purpose": "data", "index": 0, "key": "force_gwt", "low": 1.5, "middle": 4.0, "high": 6.0}
     state = RunState()

@@ -23,7 +23,7 @@ def _steps_mm(bench: PlainBench, doi_mm: float, phase: str = "press") -> list[fl
 
 
 @pytest.mark.parametrize(("steps", "moves"), [(0.45, 0), (-0.45, 0), (0.55, 1), (-0.55, 1), (20.0, 1), (21.0, 2)])
-def test_a_depth_is_met_to_half_a_step_of_the_stage_in_moves_of_an_increment(steps: float, moves: int) -> None:
+def test_a_press_reaches_a_depth_within_half_a_motor_step_in_moves_of_an_increment(steps: float, moves: int) -> None:
     """A step is 0.0025 mm, an increment 0.05 mm."""
     bench, press = pressing(lambda bench: bench.hertz(6.0, 0.0), 0.5)
     hold = press.hold_at(Target("doi_mm", 0.5 + steps * 0.0025), hold=1, hold_s=0.1)
@@ -31,13 +31,13 @@ def test_a_depth_is_met_to_half_a_step_of_the_stage_in_moves_of_an_increment(ste
     assert hold.doi_mm == pytest.approx(0.5 + steps * 0.0025 if moves else 0.5, abs=1e-9)
 
 
-def test_a_move_up_is_no_longer_than_an_increment_either() -> None:
+def test_a_move_up_within_a_press_is_no_longer_than_an_increment() -> None:
     bench, press = pressing(lambda bench: bench.hertz(6.0, 0.0), 0.5)
     press.hold_at(Target("doi_mm", 0.38), hold=1, hold_s=0.1)
     assert _steps_mm(bench, 0.5) == pytest.approx([-0.05, -0.05, -0.02])
 
 
-def test_a_depth_that_a_rig_that_gives_never_comes_to_ends_after_400_moves() -> None:
+def test_a_depth_that_a_compliant_rig_never_reaches_ends_after_400_moves() -> None:
     """1 mm/N: between 1.0 and 1.6 gwt it gives 0.006 mm, more than a step."""
     gives = {"compliance_mm_per_n": {"value": 1.0, "date": "2026-01-01", "expires": "2027-01-01"}}
     bench, press = pressing(lambda bench: (1.0, 1.6)[bench.stage.moves % 2], 0.5, settings={"calibration": gives})
@@ -70,7 +70,7 @@ TOLERANCES = [
 @pytest.mark.parametrize(("target_gwt", "resolution_gwt", "tolerance_gwt"), TOLERANCES)
 @pytest.mark.parametrize("sign", [-1, 1])
 @pytest.mark.parametrize(("share", "moves"), [(0.45, 0), (0.55, 1)])
-def test_a_force_is_met_to_half_its_tolerance(
+def test_a_press_reaches_a_force_within_half_its_tolerance(
     target_gwt: float, resolution_gwt: float, tolerance_gwt: float, sign: int, share: float, moves: int
 ) -> None:
     off = target_gwt + sign * share * tolerance_gwt
@@ -83,7 +83,7 @@ def test_a_force_is_met_to_half_its_tolerance(
 @pytest.mark.parametrize(("target_gwt", "resolution_gwt", "tolerance_gwt"), TOLERANCES)
 @pytest.mark.parametrize("sign", [-1, 1])
 @pytest.mark.parametrize(("share", "moves"), [(0.95, 0), (1.05, 1)])
-def test_where_a_step_of_the_stage_is_more_than_that_the_whole_tolerance_will_do(
+def test_on_a_coarse_stage_a_press_reaches_a_force_within_its_whole_tolerance(
     target_gwt: float, resolution_gwt: float, tolerance_gwt: float, sign: int, share: float, moves: int
 ) -> None:
     """At 0.02 mm a step of 0.0025 mm is 19 % of the force; beyond the tolerance it is one step of the stage."""
@@ -95,7 +95,7 @@ def test_where_a_step_of_the_stage_is_more_than_that_the_whole_tolerance_will_do
 
 
 @pytest.mark.parametrize(("target_gwt", "resolution_gwt", "tolerance_gwt"), [(2.0, 0.01, 0.05), (2.0, 0.125, 0.125)])
-def test_a_force_that_one_step_of_the_stage_passes_over_is_refused(
+def test_a_force_between_two_motor_steps_is_refused(
     target_gwt: float, resolution_gwt: float, tolerance_gwt: float
 ) -> None:
     """After one step up and before one down."""
@@ -118,7 +118,7 @@ def test_a_force_that_one_step_of_the_stage_passes_over_is_refused(
         ((1.94, 3.0, 2.06, 2.0), (1, None, -1)),
     ],
 )
-def test_steps_one_way_or_with_a_longer_one_between_them_do_not_pass_over_a_force(
+def test_single_steps_in_one_direction_do_not_count_as_passing_over_a_force(
     shown_gwt: tuple[float, ...], steps: tuple[int | None, ...]
 ) -> None:
     """2 gwt at 0.02 mm: a step of the stage is far more than the tolerance."""
@@ -153,7 +153,9 @@ def test_a_force_that_never_settles_ends_after_400_moves() -> None:
         (0.3, 1.0, 0.34, 0.05),
     ],
 )
-def test_the_first_step_towards_a_force(shown_gwt: float, doi_mm: float, target_gwt: float, step_mm: float) -> None:
+def test_the_first_step_towards_a_force_covers_three_quarters_of_a_large_gap(
+    shown_gwt: float, doi_mm: float, target_gwt: float, step_mm: float
+) -> None:
     bench, press = pressing(shows(shown_gwt, target_gwt), doi_mm)
     press.hold_at(Target("force_gwt", target_gwt), hold=1, hold_s=0.0)
     assert _steps_mm(bench, doi_mm) == pytest.approx([step_mm], abs=2e-6)
@@ -176,7 +178,7 @@ def test_the_first_step_towards_a_force(shown_gwt: float, doi_mm: float, target_
         (2.2, 2.19, 0.375375 * ((2 / 2.19) ** (2 / 3) - 1)),
     ],
 )
-def test_a_finger_that_answers_more_stiffly_than_the_law_is_pressed_by_less(
+def test_the_second_step_is_shorter_on_a_finger_stiffer_than_the_force_law(
     first_gwt: float, then_gwt: float, step_mm: float
 ) -> None:
     """The second step, from 0.4 mm and one move."""
@@ -186,7 +188,7 @@ def test_a_finger_that_answers_more_stiffly_than_the_law_is_pressed_by_less(
     assert second == pytest.approx(step_mm, abs=2e-6)
 
 
-def test_the_highest_force_on_the_way_to_a_hold_and_in_it_is_journalled() -> None:
+def test_the_journal_has_the_peak_force_of_each_hold_and_the_ramp_before() -> None:
     """0.45 on the way to the first hold, 0.2 in the second; what the touch felt belongs to neither."""
     bench, press = pressing(shows(0.36, 0.45, 0.4, 0.15, 0.2), 0.4)
     for k, target_gwt in enumerate((0.4, 0.2), 1):
@@ -212,7 +214,7 @@ def test_the_highest_force_on_the_way_to_a_hold_and_in_it_is_journalled() -> Non
         (1.0, 0.09, 24),
     ],
 )
-def test_near_a_force_as_many_readings_are_averaged_as_it_takes(
+def test_near_its_target_force_a_press_averages_as_many_readings_as_the_noise_requires(
     noise_gwt: float, off_gwt: float, readings: int
 ) -> None:
     """2 gwt to a quarter of 0.05, within 0.1 of it; with the one after the move at most 25."""
@@ -221,7 +223,7 @@ def test_near_a_force_as_many_readings_are_averaged_as_it_takes(
     assert sum(height == -0.5 for height, _ in bench.readings("press")) == readings
 
 
-def test_the_mean_counts_the_reading_after_the_move_too() -> None:
+def test_the_averaged_force_includes_the_reading_after_the_move() -> None:
     """1.92 and then 2.0 fifteen times: 1.995 is near enough, where 1.92 was not."""
     again = iter([1.92])
     bench, press = pressing(lambda bench: next(again, 2.0), 0.5, noise_gwt=NOISE_OF_16)
@@ -246,7 +248,7 @@ def test_the_mean_counts_the_reading_after_the_move_too() -> None:
         (2.001, 0.45, [-0.05], False),
     ],
 )
-def test_nothing_is_moved_where_nine_tenths_of_the_way_to_the_trip_is_less_than_a_step(
+def test_a_press_whose_next_step_could_pass_the_soft_trip_is_refused(
     trip_gwt: float, doi_mm: float, steps_mm: list[float], refused: bool
 ) -> None:
     """2 gwt at 0.5 mm, 2.01 after a move down."""
@@ -288,7 +290,7 @@ LATE = [
 
 
 @pytest.mark.parametrize(("gwt", "doi_mm", "step_mm", "trips_at"), LATE)
-def test_a_frozen_reading_trips_when_what_is_missing_cannot_be_missed(
+def test_a_frozen_force_reading_trips_once_the_missing_rise_exceeds_the_noise(
     gwt: float, doi_mm: float, step_mm: float, trips_at: int
 ) -> None:
     """From the first move after the touch on."""
@@ -298,7 +300,7 @@ def test_a_frozen_reading_trips_when_what_is_missing_cannot_be_missed(
 
 
 @pytest.mark.parametrize(("gwt", "doi_mm", "step_mm", "trips_at"), LATE)
-def test_a_reading_that_changes_just_in_time_is_alive(
+def test_a_force_reading_that_changes_by_one_sensor_step_does_not_trip_as_frozen(
     gwt: float, doi_mm: float, step_mm: float, trips_at: int
 ) -> None:
     """By one step of the sensor; what was missing before it is forgotten."""
@@ -308,7 +310,7 @@ def test_a_reading_that_changes_just_in_time_is_alive(
 
 
 @pytest.mark.parametrize(("change_gwt", "trips"), [(0.004, True), (0.006, False), (-0.006, False)])
-def test_less_than_half_a_step_of_the_sensor_is_no_answer(change_gwt: float, trips: bool) -> None:
+def test_a_change_below_half_a_sensor_step_counts_as_a_frozen_reading(change_gwt: float, trips: bool) -> None:
     bench, press = pressing(lambda bench: 2.0 + change_gwt * (bench.stage.moves % 2), 0.5)
     assert _made(press, 0.5, 6, 0.05) == (3 if trips else 6)
     assert bool(bench.of("trip")) == trips
@@ -328,7 +330,9 @@ TOUCHED_MM = 0.1
         (0.0, 0.1, True), (0.024, -0.05, False),  # going up it may well be gone
     ],
 )  # fmt: skip
-def test_a_finger_that_was_touched_is_felt_an_increment_deeper(gwt: float, deeper_mm: float, trips: bool) -> None:
+def test_a_finger_that_shows_no_force_an_increment_below_contact_trips(
+    gwt: float, deeper_mm: float, trips: bool
+) -> None:
     bench, press = pressing(shows(0.06, gwt), TOUCHED_MM)
     try:
         press.hold_at(Target("doi_mm", TOUCHED_MM + deeper_mm), hold=1, hold_s=0.0)
@@ -337,7 +341,7 @@ def test_a_finger_that_was_touched_is_felt_an_increment_deeper(gwt: float, deepe
     assert [event["force_gwt"] for event in bench.of("trip")] == [gwt] * trips
 
 
-def test_it_is_watched_for_in_a_hold_too() -> None:
+def test_a_finger_whose_force_vanishes_in_a_hold_trips() -> None:
     bench, press = pressing(lambda bench: 0.0 if bench.of("hold_start") else 0.2, TOUCHED_MM)
     with raises(TripError, "lost_finger", force_gwt=0.0):
         press.hold_at(Target("doi_mm", TOUCHED_MM + 0.1), hold=1, hold_s=0.5)

@@ -53,7 +53,7 @@ def test_keys_and_columns_of_pressure_end_in_kpa(where: str) -> None:
 
 
 @pytest.mark.parametrize(("old", "kpa"), [(30.0, 300.0), (0.5, 5.0), (60, 600.0)])
-def test_a_configuration_of_0_2_keeps_its_limit(old: float, kpa: float) -> None:
+def test_a_pressure_limit_in_n_cm2_from_version_0_2_is_read_as_kpa(old: float, kpa: float) -> None:
     assert LimitSettings.model_validate({"max_pressure_n_cm2": old}).max_pressure_kpa == kpa
 
 
@@ -61,6 +61,6 @@ def test_a_configuration_of_0_2_keeps_its_limit(old: float, kpa: float) -> None:
     "table",
     [{"max_pressure_n_cm2": 61}, {"max_pressure_n_cm2": "a"}, {"max_pressure_n_cm2": 3, "max_pressure_kpa": 30}],
 )
-def test_a_limit_that_cannot_be_read(table: dict[str, object]) -> None:
+def test_an_invalid_or_doubled_pressure_limit_is_refused(table: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="max_pressure_kpa"):
         LimitSettings.model_validate(table)

@@ -169,7 +169,7 @@ def told(rig: Callable[..., Said], made_once: Callable[..., Path]) -> Callable[.
 
 @pytest.mark.quick(rows=lambda name: name in ("run", "resume", "study"))
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_pipe_is_told_at_once_and_line_by_line(told: Callable[..., Said], name: str) -> None:
+def test_a_command_in_a_pipe_reports_progress_at_once_and_line_by_line(told: Callable[..., Said], name: str) -> None:
     said, indentations = told(name), COMMANDS[name][1]
     assert said.before, "nothing was said before something slow began"
     assert "\r" not in said.out + said.err
@@ -187,7 +187,7 @@ def test_a_pipe_is_told_at_once_and_line_by_line(told: Callable[..., Said], name
 
 @pytest.mark.quick(rows=lambda name: name in ("dry-run", "study"))
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])
-def test_who_asked_for_json_is_told_nothing_else(told: Callable[..., Said], name: str) -> None:
+def test_a_command_with_json_reports_no_progress(told: Callable[..., Said], name: str) -> None:
     """`rig run` has its page, and a run that was killed its warning."""
     said = told(name, "--json")
     assert said.out.count("\n") == 1
@@ -199,7 +199,7 @@ def test_who_asked_for_json_is_told_nothing_else(told: Callable[..., Said], name
     assert others == []
 
 
-def test_a_study_says_how_many_cases_and_when_all_are_done(rig: Callable[..., Said]) -> None:
+def test_a_study_reports_the_number_of_cases_and_when_all_are_done(rig: Callable[..., Said]) -> None:
     lines = rig("study", "study.toml").err.splitlines()
     assert (lines[0], lines[-1]) == ("12 cases", "12 of 12 cases")
     assert all(re.fullmatch(r"\d+ of 12 cases, \d:\d\d:\d\d left", line) for line in lines[1:-1])
@@ -208,7 +208,7 @@ def test_a_study_says_how_many_cases_and_when_all_are_done(rig: Callable[..., Sa
 # --- what is counted ---
 
 
-def test_what_is_counted_has_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_counted_work_shows_a_progress_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = StringIO()
     monkeypatch.setattr(shown, "err", Console(file=screen, force_terminal=True, width=100))
     assert list(counted(iter("ab"), 2, "fingers", quiet=True)) == ["a", "b"]
@@ -222,7 +222,7 @@ BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5, "increments": 1}
 
 
 @pytest.mark.parametrize(("pace", "left_s"), [(1.0, 300.0), (0.5, 150.0), (None, 3.0)])
-def test_the_time_left_is_that_of_the_rehearsal(pace: float | None, left_s: float) -> None:
+def test_the_time_left_of_a_run_follows_its_rehearsal_at_the_same_pace(pace: float | None, left_s: float) -> None:
     """As fast as it can: at first as long as the rehearsal took, then by what the run has taken."""
     now = [0.0]
     page = Page(None, Rehearsed(300.0, 0.0, {("home", 1, 0): 100.0}), 3.0)  # type: ignore[arg-type]
@@ -234,7 +234,7 @@ def test_the_time_left_is_that_of_the_rehearsal(pace: float | None, left_s: floa
     assert left.left_s == pytest.approx({1.0: 200.0, 0.5: 100.0, None: 40.0}[pace])
 
 
-def test_a_rehearsal_that_did_not_end_tells_no_time_and_an_empty_one_none() -> None:
+def test_a_failed_rehearsal_gives_no_time_left() -> None:
     failed = Page(None, TripError("no"), 3.0)  # type: ignore[arg-type]
     assert time_left(failed, 1.0) is None
     empty = time_left(Page(None, Rehearsed(0.0, 0.0, {}), 3.0), None, lambda: 0.0)  # type: ignore[arg-type]
@@ -242,7 +242,7 @@ def test_a_rehearsal_that_did_not_end_tells_no_time_and_an_empty_one_none() -> N
     assert empty.left_s == 0.0
 
 
-def test_a_terminal_has_a_bar_with_both_times_and_an_alarm_has_its_line(
+def test_a_run_on_a_terminal_shows_elapsed_and_remaining_time_and_alarms(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     screen = StringIO()

@@ -284,7 +284,7 @@ STATES = {
 @pytest.mark.quick(rows=lambda state, kind: kind == "grbl" or state in ("stepping", "homing"))
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, state: str) -> None:
+def test_a_manual_stop_is_sent_at_once_in_every_state_and_only_homing_moves_after(kind: str, state: str) -> None:
     """The byte in the log at the instant of the request, no move behind it; then home, and nothing else, moves."""
     bench = HandBench(kind, zero=ZERO)
     stopped_s: list[float] = []
@@ -325,5 +325,5 @@ def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, 
 @pytest.mark.quick(rows=lambda name, kind: kind == "grbl")  # drives: test_manual_steps.py, test_hand_owner.py
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", PROMISES)
-def test_what_is_promised_by_hand_holds_through_the_socket(name: str, kind: str) -> None:
+def test_every_promise_of_manual_control_holds_over_the_control_socket(name: str, kind: str) -> None:
     PROMISES[name](lambda **options: HandBench(kind, **options))

@@ -27,19 +27,19 @@ def moved_to(name: str, *settings: str) -> list[float]:
 @pytest.mark.parametrize(
     ("name", "setting", "n", "first"), [(p, s, *found) for p, all_ in STEPPED.items() for s, found in all_.items()]
 )
-def test_without_a_range_the_schedule_stays(name: str, setting: str, n: int, first: float) -> None:
+def test_a_shipped_protocol_without_a_range_keeps_its_schedule(name: str, setting: str, n: int, first: float) -> None:
     found = moved_to(name, setting)
     assert (len(found), found[0]) == (n, first)
 
 
 @pytest.mark.parametrize("name", STEPPED)
-def test_a_range_is_pressed_from_end_to_end(name: str) -> None:
+def test_a_shipped_protocol_presses_a_range_from_end_to_end(name: str) -> None:
     found = moved_to(name, "from_mm=1", "to_mm=-1.5", "spacing_mm=0.5")
     assert found == [1.0, 0.5, 0.0, -0.5, -1.0, -1.5]
     assert moved_to(name, "from_mm=-0.1", "to_mm=0.1") == [-0.1, 0.0, 0.1]  # 0.17 or less, in that order
 
 
-def test_a_cylinder_is_pressed_to_every_depth_or_to_the_force_at_each_place() -> None:
+def test_the_cylinders_protocol_presses_every_depth_or_one_force_at_each_place() -> None:
     script = load_script("cylinders", ["from_mm=0", "to_mm=1", "spacing_mm=1"])
     rig = MagicMock(parameters=script.parameters)
     script.run(rig)
@@ -61,6 +61,8 @@ def test_a_cylinder_is_pressed_to_every_depth_or_to_the_force_at_each_place() ->
         (-20, 20, 1, 41),
     ],
 )
-def test_the_spacing_is_the_largest_step(begin: float, end: float, spacing: float | None, n: int) -> None:
+def test_a_range_is_divided_into_steps_no_longer_than_the_spacing(
+    begin: float, end: float, spacing: float | None, n: int
+) -> None:
     found = RangeParameters(from_mm=begin, to_mm=end, spacing_mm=spacing).positions(())
     assert (len(found), found[0], found[-1]) == (n, begin, end)

@@ -56,7 +56,7 @@ def _not_loaded(name: object, *assignments: str) -> BadInputError:
 # --- found and loaded ---
 
 
-def test_a_script_is_named_by_path_or_as_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_script_is_loaded_by_path_or_by_its_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = _write(tmp_path, SCRIPT)
     assert load_script(str(path)).name == "mine"
     monkeypatch.chdir(tmp_path)
@@ -78,12 +78,14 @@ def test_a_script_is_named_by_path_or_as_shipped(tmp_path: Path, monkeypatch: py
         ("import sys\nsys.exit(3)\n", 2, "SystemExit"),
     ],
 )
-def test_an_exception_at_import_has_its_line(tmp_path: Path, text: str, line: int, exception: str) -> None:
+def test_an_exception_at_the_import_of_a_script_is_reported_with_its_line(
+    tmp_path: Path, text: str, line: int, exception: str
+) -> None:
     path = _write(tmp_path, text)
     has_code(_not_loaded(path), "exception_in_script", place=f"{path}, line {line}", exception=exception)
 
 
-def test_annotations_may_be_postponed(tmp_path: Path) -> None:
+def test_a_script_may_postpone_annotations(tmp_path: Path) -> None:
     text = (
         f"from __future__ import annotations\nfrom typing import Literal\n{HEAD}    step: Literal['1', '3'] = '1'\n"
     )
@@ -93,7 +95,7 @@ def test_annotations_may_be_postponed(tmp_path: Path) -> None:
 # --- what lies beside a script ---
 
 
-def test_modules_and_files_beside_a_script_are_its_own(tmp_path: Path) -> None:
+def test_two_scripts_may_import_different_modules_of_one_name(tmp_path: Path) -> None:
     """Two scripts may import modules of one name, and a module hides no library."""
     found = []
     for name in ("one", "two"):
@@ -109,18 +111,18 @@ def test_modules_and_files_beside_a_script_are_its_own(tmp_path: Path) -> None:
     assert found[1].beside["places.py"] == (tmp_path / "two" / "places.py").read_bytes()
 
 
-def test_a_module_in_a_folder_beside_a_script_is_not_found(tmp_path: Path, finger: Fingertip) -> None:
+def test_importing_a_module_from_a_folder_beside_a_script_is_refused(tmp_path: Path, finger: Fingertip) -> None:
     (tmp_path / "lab").mkdir()
     has_code(_not_planned(tmp_path, finger, "import lab.depths"), "module_beside_script")
     has_code(_not_loaded(_write(tmp_path, f"import lab.depths\n{RUN}")), "module_beside_script")
 
 
-def test_a_module_beside_a_script_is_imported_at_its_top(tmp_path: Path, finger: Fingertip) -> None:
+def test_importing_a_module_within_run_is_refused(tmp_path: Path, finger: Fingertip) -> None:
     _write(tmp_path, "DOI_MM = 0.5\n", "depths.py")
     has_code(_not_planned(tmp_path, finger, "import depths"), "module_beside_script")
 
 
-def test_a_later_pass_has_the_parameters_of_the_first(tmp_path: Path) -> None:
+def test_every_pass_of_a_script_has_the_same_parameters(tmp_path: Path) -> None:
     """A validator that converts a value does so once."""
     converts = "    @field_validator('x_um')\n    def in_mm(cls, x_um):\n        return x_um / 1000\n"
     text = f"from pydantic import field_validator\n{HEAD}    x_um: float = 300.0\n    doi_mm: float = 0.5\n{converts}"
@@ -131,7 +133,7 @@ def test_a_later_pass_has_the_parameters_of_the_first(tmp_path: Path) -> None:
         )
 
 
-def test_a_later_pass_runs_the_text_that_was_loaded(tmp_path: Path) -> None:
+def test_every_pass_of_a_script_runs_the_text_that_was_loaded_first(tmp_path: Path) -> None:
     """A script that is edited while it runs presses what was planned, and what the run has a copy of."""
     _write(tmp_path, "DOI_MM = 0.5\n", "depths.py")
     path = _write(tmp_path, f"from depths import DOI_MM\n{RUN}")
@@ -146,7 +148,7 @@ def test_a_later_pass_runs_the_text_that_was_loaded(tmp_path: Path) -> None:
 # --- parameters ---
 
 
-def test_set_changes_what_it_names(tmp_path: Path) -> None:
+def test_set_options_change_only_the_parameters_they_name(tmp_path: Path) -> None:
     path = str(_write(tmp_path, SCRIPT))
     assert load_script(path).parameters.model_dump() == {"depth_mm": 0.5, "times": 1, "name": "a"}
     script = load_script(path, ["depth_mm=1e-1", "name=b=c"])
@@ -154,7 +156,7 @@ def test_set_changes_what_it_names(tmp_path: Path) -> None:
     assert load_script("steps", ["step=3"]).parameters.step == "3"
 
 
-def test_parameters_stay_as_they_were_checked(tmp_path: Path) -> None:
+def test_script_parameters_cannot_be_changed_after_their_check(tmp_path: Path) -> None:
     parameters = _with(tmp_path, "force_gwt: float = Field(2.0, le=3)").parameters
     with pytest.raises(ValidationError) as caught:
         parameters.force_gwt = 4.0  # type: ignore[attr-defined]
@@ -191,7 +193,7 @@ def _not_planned(folder: Path, finger: Fingertip, body: str, config: Config | No
         (READY + "1 / 0", "exception_in_script", {"exception": "ZeroDivisionError"}),
     ],
 )
-def test_a_step_that_cannot_be_done_is_named_with_its_line(
+def test_a_step_that_cannot_be_carried_out_is_named_with_its_line(
     tmp_path: Path, finger: Fingertip, body: str, code: str, fields: Fields
 ) -> None:
     has_code(_not_planned(tmp_path, finger, body), code, **fields)
@@ -215,7 +217,7 @@ def coarse() -> Fingertip:
         ("paired_forces", "hold_s=1", 8),
     ],
 )
-def test_the_shipped_scripts_can_be_done(coarse: Fingertip, name: str, settings: str, steps: int) -> None:
+def test_every_shipped_script_can_be_planned(coarse: Fingertip, name: str, settings: str, steps: int) -> None:
     plan = make_plan(load_script(name, [settings]), Config(finger=coarse.config), coarse)
     assert len(plan.indentations) == steps
     assert 0 < plan.peak_force_gwt < 100

@@ -45,7 +45,7 @@ SLOW = {"doi_mm": 0.8, "speed_mm_s": 0.3}
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.02, 0.8, 1.5])
-def test_a_ramp_from_its_trip_ends_at_the_bound_of_a_press(speed_mm_s: float) -> None:
+def test_a_ramp_that_trips_stops_within_the_force_bound_of_a_press(speed_mm_s: float) -> None:
     for tables in ({}, {"force": {"latency_s": 0.2}}, {"stage": {"acceleration_mm_s2": 5.0}}):
         for force_gwt, doi_mm in ((8.0, 0.86), (8.0, 1.4), (1.0, 0.1)):
             _ends_at_the_bound(RigSettings.model_validate(tables), speed_mm_s, force_gwt, doi_mm)
@@ -64,7 +64,7 @@ def _ends_at_the_bound(settings: RigSettings, speed_mm_s: float, force_gwt: floa
 
 
 @pytest.mark.parametrize(("force_gwt", "doi_mm"), [(8.0, 0.86), (5.0, 1.4)])
-def test_the_fastest_ramp_trips_at_its_margin(force_gwt: float, doi_mm: float) -> None:
+def test_the_fastest_allowed_ramp_trips_at_the_margin_above_its_force(force_gwt: float, doi_mm: float) -> None:
     settings = RigSettings()
 
     def at(speed_mm_s: float) -> RampBound:
@@ -140,7 +140,7 @@ def _paused(bench: Any) -> None:
     verbs.safe_point(bench.engine)
 
 
-def test_only_where_the_stiffness_is_not_measured_it_presses_first(spring: Make) -> None:
+def test_a_ramp_presses_first_only_where_the_stiffness_is_unmeasured(spring: Make) -> None:
     bench = spring(soft_trip_n=0.1)
     ramp(bench.ready(), **SLOW, hold_s=0.0)
     for between in (_nothing, _pressed, _pressed_less, _touched, _homed, _elsewhere, _mounted, _paused):
@@ -151,7 +151,7 @@ def test_only_where_the_stiffness_is_not_measured_it_presses_first(spring: Make)
         assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.0025)
 
 
-def test_a_deeper_ramp_presses_first_and_a_shallower_one_goes_by_the_law(spring: Make) -> None:
+def test_a_ramp_deeper_than_measured_presses_first_and_a_shallower_one_does_not(spring: Make) -> None:
     bench = spring(soft_trip_n=0.15)
     for doi_mm, presses in ((0.6, True), (0.8, True), (0.7, False)):
         bench.events.clear()
@@ -160,7 +160,7 @@ def test_a_deeper_ramp_presses_first_and_a_shallower_one_goes_by_the_law(spring:
         assert bench.of("ramp")[0]["measured_gwt"] == pytest.approx(6.0 * doi_mm**1.5, rel=0.02)
 
 
-def test_a_late_sensor_is_no_frozen_one(tmp_path: Path) -> None:
+def test_a_late_sensor_does_not_count_as_frozen_in_a_ramp(tmp_path: Path) -> None:
     """It reads zero for 0.06 mm below the contact, and shows each force 0.2 s after it was there."""
     bench = FaultyBench(tmp_path, {"force": {"latency_s": 0.2}, "limits": {"soft_trip_n": SOFT_TRIP_N}})
     bench.felt_n = lambda t_s: bench.true_n(t_s - 0.2)
@@ -176,7 +176,7 @@ def test_a_late_sensor_is_no_frozen_one(tmp_path: Path) -> None:
 # --- what is refused ---
 
 
-def test_a_stiffer_finger_than_predicted_is_refused_as_measured(spring: Make) -> None:
+def test_a_ramp_too_fast_for_the_measured_stiffness_is_refused_before_it_begins(spring: Make) -> None:
     """It is lifted; the ramp itself never begins."""
     bench = spring(k_gwt=6.0, soft_trip_n=0.1)
     ramp(bench.ready(), 0.8, 0.5, hold_s=0.0)
@@ -206,7 +206,7 @@ def test_a_stage_that_cannot_ramp_is_refused_by_engine_and_plan(
         make_plan(_script(tmp_path, "rig.ramp(doi_mm=0.5, speed_mm_s=0.2)"), Config(), finger)
 
 
-def test_a_stage_of_another_package_cannot_ramp_unless_it_says_so() -> None:
+def test_a_packaged_stage_cannot_ramp_unless_its_kind_declares_ramps() -> None:
     kind = StageKind(name="other", device="another stage", tests=(), driver=lambda *_: None)  # type: ignore[arg-type, return-value]
     assert kind.ramps is False
 
@@ -256,7 +256,9 @@ def _ramp(bench: FaultyBench) -> Any:
 
 @pytest.mark.quick(rows=lambda faulty, nearer_mm: faulty == "grbl" or (faulty == "rtu" and nearer_mm == 0.6))
 @pytest.mark.parametrize("nearer_mm", [0.3, 0.6])
-def test_a_finger_that_comes_nearer_trips_within_the_bound(faulty: FaultyBench, nearer_mm: float) -> None:
+def test_a_finger_that_comes_nearer_in_a_ramp_trips_within_the_force_bound(
+    faulty: FaultyBench, nearer_mm: float
+) -> None:
     def nearer() -> None:
         faulty.nearer_mm = nearer_mm
 
@@ -271,7 +273,7 @@ def test_a_finger_that_comes_nearer_trips_within_the_bound(faulty: FaultyBench, 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.5])
 @pytest.mark.parametrize("other", OTHERS)
-def test_a_ramp_into_a_finger_that_was_not_measured_ends_within_the_stopping_distance(
+def test_a_ramp_into_an_unmeasured_finger_stops_within_the_stopping_distance(
     other: str, late_s: float, tmp_path: Path
 ) -> None:
     """The bound of a press holds only for the measured finger; the distance below the trip holds for each."""
@@ -281,7 +283,7 @@ def test_a_ramp_into_a_finger_that_was_not_measured_ends_within_the_stopping_dis
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "standa"))
-def test_a_sensor_that_falls_silent_ends_it_at_once(faulty: FaultyBench) -> None:
+def test_a_sensor_that_falls_silent_ends_a_ramp_at_once(faulty: FaultyBench) -> None:
     def silent() -> None:
         faulty.force_line.device_write = lambda data: None  # type: ignore[method-assign]
 
@@ -293,7 +295,7 @@ def test_a_sensor_that_falls_silent_ends_it_at_once(faulty: FaultyBench) -> None
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "tmcl"))
-def test_a_sensor_that_lost_its_cell_ends_it(faulty: FaultyBench) -> None:
+def test_a_sensor_that_lost_its_load_cell_ends_a_ramp(faulty: FaultyBench) -> None:
     """Zero from 0.5 gwt on: far less than half a touch, where a finger is."""
     _in_the_ramp(faulty, lambda: setattr(faulty, "felt_n", lambda t_s: 0.0), 0.5)
     with raises(TripError, "lost_finger"):
@@ -309,7 +311,7 @@ def test_a_sensor_that_lost_its_cell_ends_it(faulty: FaultyBench) -> None:
 )
 @pytest.mark.parametrize("stays_gwt", [2.0, 5.0])
 @pytest.mark.parametrize("nearer_mm", [0.0, 0.6])
-def test_a_reading_that_stays_ends_it(faulty: FaultyBench, stays_gwt: float, nearer_mm: float) -> None:
+def test_a_frozen_force_reading_ends_a_ramp(faulty: FaultyBench, stays_gwt: float, nearer_mm: float) -> None:
     """A frozen or saturated sensor that answers in time, far above half a touch and below the trip."""
 
     def stays() -> None:
@@ -323,7 +325,7 @@ def test_a_reading_that_stays_ends_it(faulty: FaultyBench, stays_gwt: float, nea
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "rtu"))
-def test_a_stage_that_goes_on_unread_ends_it(faulty: FaultyBench) -> None:
+def test_a_stage_that_moves_too_far_between_readings_ends_a_ramp(faulty: FaultyBench) -> None:
     """The disk is away for 0.45 s: longer than was ever measured."""
     _in_the_ramp(faulty, lambda: faulty.after("ramp", lambda: faulty.clock.wait_s(0.45)))
     with raises(TripError, "ramp_unread") as caught:
@@ -334,7 +336,7 @@ def test_a_stage_that_goes_on_unread_ends_it(faulty: FaultyBench) -> None:
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
 
 
-def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_from_another_thread_ends_a_ramp(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
     stopped_mm: list[float] = []
     for link in (modbus, drive_link):
         # An exchange never ends here, where all is one thread; on a rig it is waited for, in real time.
@@ -351,7 +353,7 @@ def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: py
     assert faulty.height_mm == pytest.approx(stopped_mm[0], abs=0.02)
 
 
-def test_a_stage_that_reports_nothing_is_stopped_by_the_heartbeat(spring: Make) -> None:
+def test_the_heartbeat_stops_a_stage_that_reports_nothing_in_a_ramp(spring: Make) -> None:
     bench = spring(soft_trip_n=0.1)
     engine = bench.ready()
     silence_s = bench.settings.limits.heartbeat_s + 0.5
@@ -376,7 +378,7 @@ def test_a_stage_that_reports_nothing_is_stopped_by_the_heartbeat(spring: Make) 
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "zaber"))
-def test_a_pause_ends_a_ramp_on_its_way_and_begins_it_anew(faulty: FaultyBench) -> None:
+def test_a_paused_ramp_lifts_and_starts_again(faulty: FaultyBench) -> None:
     """It is then done as any ramp, on every stage."""
     asked: list[bool] = []
     forces: list[float] = []
@@ -403,7 +405,9 @@ def _script(folder: Path, *lines: str) -> Script:
     return load_script(str(path))
 
 
-def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest(finger: Fingertip, tmp_path: Path) -> None:
+def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest_speed(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     def planned(speed_mm_s: float) -> Plan:
         return make_plan(_script(tmp_path, f"rig.ramp(doi_mm=0.8, speed_mm_s={speed_mm_s})"), Config(), finger)
 
@@ -417,9 +421,7 @@ def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest(finger: 
         planned(1.01 * fastest_mm_s)
 
 
-def test_a_ramp_that_ages_past_the_trip_is_refused_without_the_cap_of_an_increment(
-    finger: Fingertip, tmp_path: Path
-) -> None:
+def test_a_ramp_too_fast_for_a_late_sensor_is_refused_where_a_press_is_not(finger: Fingertip, tmp_path: Path) -> None:
     """A press waits for its reading after each increment; a ramp goes on."""
     config = Config.model_validate({"force": {"latency_s": 0.5}})
     with raises(BadInputError, "too_fast_for_sensor", speed_mm_s=1.0):
@@ -427,7 +429,9 @@ def test_a_ramp_that_ages_past_the_trip_is_refused_without_the_cap_of_an_increme
     make_plan(_script(tmp_path, "rig.indent(doi_mm=0.4, speed_mm_s=1.0)"), config, finger)
 
 
-def test_the_summary_has_the_bound_of_each_ramp_and_the_dry_run_keeps_it(finger: Fingertip, tmp_path: Path) -> None:
+def test_check_states_the_force_bound_of_each_ramp_and_the_dry_run_stays_below(
+    finger: Fingertip, tmp_path: Path
+) -> None:
     script = _script(tmp_path, "rig.indent(doi_mm=0.5, hold_s=0.1)", "rig.ramp(doi_mm=0.8, speed_mm_s=0.3)")
     plan = make_plan(script, Config(), finger)
     found = preflight(script, Config(), finger, plan).as_json()
@@ -447,7 +451,7 @@ def test_the_summary_has_the_bound_of_each_ramp_and_the_dry_run_keeps_it(finger:
 @pytest.mark.quick(rows=lambda at: at == "ramp")
 @pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize("at", ["press", "ramp", "hold"])
-def test_a_run_that_was_killed_in_a_ramp_does_it_anew(at: str, finger: Fingertip, tmp_path: Path) -> None:
+def test_a_run_that_was_killed_in_a_ramp_repeats_the_ramp(at: str, finger: Fingertip, tmp_path: Path) -> None:
     lines = ["answer = rig.ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.1)", "rig.note(f'{answer.holds[0].doi_mm:.6f}')"]
     script = _script(tmp_path, *lines, "rig.ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.2)")
     config = Config()

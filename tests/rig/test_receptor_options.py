@@ -23,7 +23,7 @@ def indent(program: Program, tmp_path: Path) -> Any:
     return lambda *more: program("indent", "--config", tmp_path / "coarse.toml", *PRESS, *more)
 
 
-def test_every_x_at_every_depth_and_z(indent: Any) -> None:
+def test_indent_places_receptors_at_every_combination_of_x_depth_and_z(indent: Any) -> None:
     places = ("--receptor-x-mm=-0.5:0.5:0.5", "--receptor-depth-mm", "0.5,0.8", "--receptor-z-mm", "6.5,7")
     ended = indent(*places, "--json")
     assert (ended.code, ended.err) == (0, "")
@@ -42,7 +42,7 @@ def test_every_x_at_every_depth_and_z(indent: Any) -> None:
     assert len(np.unique(np.round(receptors["sed"], 9))) == 12
 
 
-def test_a_point_load_on_the_section_is_a_line_load_per_millimetre(program: Program, tmp_path: Path) -> None:
+def test_a_point_load_on_the_section_model_is_a_line_load_per_millimeter(program: Program, tmp_path: Path) -> None:
     (tmp_path / "coarse.toml").write_text(as_toml(coarse_mesh(0.5, 0.5)), encoding="utf-8")
     line = (
         "indent", "--config", tmp_path / "coarse.toml", "--model", "section", "--shape", "point", "--x-mm", "0.2",
@@ -69,5 +69,5 @@ def test_a_point_load_on_the_section_is_a_line_load_per_millimetre(program: Prog
         ("1:1:0.5", (1.0,)),
     ],
 )
-def test_numbers(text: str, expected: tuple[float, ...]) -> None:
+def test_a_list_of_numbers_may_mix_values_and_ranges(text: str, expected: tuple[float, ...]) -> None:
     assert numbers("--n", text) == expected

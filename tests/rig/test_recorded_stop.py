@@ -75,7 +75,7 @@ def _sums_fit(folder: RunFolder) -> bool:
 
 
 @pytest.mark.parametrize("virtual", [False, True])
-def test_a_run_that_was_stopped_while_it_was_planned_has_a_folder_and_is_aborted(
+def test_a_run_stopped_during_planning_has_a_folder_and_is_aborted(
     script: Script, tmp_path: Path, virtual: bool
 ) -> None:
     folder = record_before(script, Config(), NewRun(tmp_path / "runs", "S07"), virtual=virtual)
@@ -95,7 +95,7 @@ def test_a_run_that_was_stopped_while_it_was_planned_has_a_folder_and_is_aborted
         pass
 
 
-def test_it_holds_nothing_to_go_on_with(script: Script, tmp_path: Path) -> None:
+def test_a_run_stopped_during_planning_cannot_be_resumed(script: Script, tmp_path: Path) -> None:
     folder = record_before(script, Config(), NewRun(tmp_path / "runs"), virtual=True)
     with raises(BadInputError, "never_planned", path=str(folder.path)):
         read_stopped(folder.path)
@@ -108,7 +108,7 @@ def _cut(folder: RunFolder, last: Callable[[Mapping[str, Any]], bool]) -> None:
 
 
 @pytest.mark.parametrize("said", [False, True], ids=["killed", "ended"])
-def test_a_run_that_was_to_be_taken_up_says_so_and_where_it_was_left(whole: RunFolder, said: bool) -> None:
+def test_a_stop_while_a_resume_is_planned_keeps_where_the_indentor_was_left(whole: RunFolder, said: bool) -> None:
     _cut(whole, lambda one: one["doc"] == "event" and one["data"].get("phase") == "hold")
     left: Any = None
     if said:
@@ -137,7 +137,7 @@ def test_a_run_that_was_to_be_taken_up_says_so_and_where_it_was_left(whole: RunF
     assert read_stopped(whole.path).complete is False
 
 
-def test_a_run_that_had_journalled_nothing_begins_and_ends_there(whole: RunFolder) -> None:
+def test_a_stop_while_an_empty_run_is_resumed_journals_start_and_stop(whole: RunFolder) -> None:
     whole.events.unlink()
     stopped = read_stopped(whole.path)
     record_before(stopped.script, stopped.config, stopped, virtual=True)
@@ -148,7 +148,7 @@ def test_a_run_that_had_journalled_nothing_begins_and_ends_there(whole: RunFolde
 # --- after it ended ---
 
 
-def test_a_run_whose_report_was_being_made_stays_done(whole: RunFolder) -> None:
+def test_a_stop_during_the_report_leaves_the_run_done(whole: RunFolder) -> None:
     before, documents = read_run(whole.path), list(read_journal(whole.events))
     wire = whole.bytes_log.read_text(encoding="ascii")
     record_after(whole, "reporting", WIRE)
@@ -174,7 +174,7 @@ def test_a_run_whose_report_was_being_made_stays_done(whole: RunFolder) -> None:
         ("tripped", "running", True),
     ],
 )
-def test_an_end_is_said_again_only_where_it_does_not_say_the_stop(
+def test_a_second_end_document_is_written_only_if_the_first_omits_the_stop(
     whole: RunFolder, status: str, state: str, said_again: bool
 ) -> None:
     """What the engine's own journal has written down as aborted is the record."""
@@ -186,7 +186,7 @@ def test_an_end_is_said_again_only_where_it_does_not_say_the_stop(
     assert (last["status"], last.get("stopped_while")) == (status, state if said_again else None)
 
 
-def test_a_run_that_was_stopped_before_its_journal_had_an_end_gets_one(whole: RunFolder) -> None:
+def test_a_stopped_run_without_an_end_document_receives_one(whole: RunFolder) -> None:
     _cut(whole, lambda one: one["doc"] == "event" and one["data"].get("phase") == "hold")
     known = FinalPosition.last_known(read_run(whole.path))
     t_s = _last(whole)["t_s"]
@@ -198,7 +198,7 @@ def test_a_run_that_was_stopped_before_its_journal_had_an_end_gets_one(whole: Ru
     assert known.may_touch is True
 
 
-def test_killed_after_any_document_it_is_where_its_last_event_says(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_run_killed_after_any_document_is_where_its_last_event_says(finger: Fingertip, tmp_path: Path) -> None:
     """Events of one instant, of which a virtual clock has many, count in the journal's order."""
     path = tmp_path / "rests.py"
     rests = SCRIPT.replace("        rig.indent", "        if x_mm:\n            rig.rest(1.0)\n        rig.indent")
@@ -221,9 +221,7 @@ def test_killed_after_any_document_it_is_where_its_last_event_says(finger: Finge
     assert contacts["indentation_start", True] == contacts["retract", True] == 2
 
 
-def test_one_document_more_is_on_the_disk_and_not_only_on_its_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_appended_document_is_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, bytes_at_sync = tmp_path / "events.jsonl", list[int]()
     path.write_bytes(b'{"doc": "stop", "uid": "b", "seq": 0, "t_s": 2.5, "status": "done"}\n')
     monkeypatch.setattr(os, "fsync", lambda descriptor: bytes_at_sync.append(os.fstat(descriptor).st_size))
@@ -231,7 +229,7 @@ def test_one_document_more_is_on_the_disk_and_not_only_on_its_way(
     assert bytes_at_sync[-1] == path.stat().st_size
 
 
-def test_one_document_more_is_the_last_one_with_more(tmp_path: Path) -> None:
+def test_an_appended_end_document_extends_the_last_complete_one(tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     path.write_bytes(
         b'{"doc": "start", "uid": "a", "seq": 0, "t_s": 1.5}\n'

@@ -16,7 +16,7 @@ from tests.stub_bench import StubBench
 Make = Callable[..., Any]
 
 
-def test_no_force_is_finer_in_the_journal_than_any_other() -> None:
+def test_every_journaled_force_is_rounded_alike() -> None:
     """Each force of each stream: hold_start, trip and threshold once went in as they were."""
     bench = StubBench()
     for event in EVENTS:
@@ -35,7 +35,7 @@ PRESSES: dict[str, Callable[[Any], object]] = {
 
 @pytest.mark.parametrize("press", PRESSES)
 @pytest.mark.parametrize("pauses", [1, 3])
-def test_a_press_that_was_paused_begins_again(spring: Make, press: str, pauses: int) -> None:
+def test_a_press_paused_at_any_reading_starts_again(spring: Make, press: str, pauses: int) -> None:
     """Wherever a press may be paused: the pause is over when the operator goes on, and none of it gets out."""
     bench = spring(k_gwt=400.0 if press == "measure_compliance" else 6.0)
     engine, left = bench.ready(), [None] * pauses
@@ -50,7 +50,7 @@ def test_a_press_that_was_paused_begins_again(spring: Make, press: str, pauses: 
     assert engine.height_mm == pytest.approx(engine.settings.habits.clearance_mm)
 
 
-def test_what_is_not_paused_is_done_once_and_what_else_it_raises_is_passed_on() -> None:
+def test_a_press_repeats_after_pauses_and_other_errors_propagate() -> None:
     done: list[int] = []
 
     def press() -> int:

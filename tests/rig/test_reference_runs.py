@@ -44,7 +44,7 @@ ALIKE = 2e-6  # s, mm and gwt: the journal has six decimals, and processors diff
 
 
 @pytest.mark.parametrize("kind", BENCHES)
-def test_a_reference_run_moves_presses_and_is_reported_as_before(
+def test_the_reference_run_of_each_stage_moves_presses_and_reports_as_recorded(
     kind: str, finger: Fingertip, tmp_path: Path
 ) -> None:
     (tmp_path / "reference.py").write_text(SCRIPT, encoding="utf-8")

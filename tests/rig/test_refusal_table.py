@@ -26,7 +26,7 @@ WITHOUT_JSON = ("by-hand", "export-deck")
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_bad_input_is_refused_in_one_clear_line_with_its_code_and_nothing_is_left_behind(
+def test_bad_input_is_refused_in_one_line_with_its_code_and_leaves_no_file(
     family: str, finger: Fingertip, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     assert finger is not None  # in the cache from here on

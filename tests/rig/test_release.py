@@ -35,7 +35,7 @@ def _project() -> Any:
     return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def test_one_version_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_citation_and_changelog_state_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert release.stated_version() == _project()["version"] == version("indentation-rig")
     for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md"):
         (tmp_path / name).write_bytes((ROOT / name).read_bytes())
@@ -47,7 +47,7 @@ def test_one_version_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             release.stated_version()
 
 
-def test_python_runs_the_package_and_ends_as_the_program_does() -> None:
+def test_python_m_rig_runs_the_program_with_its_exit_code() -> None:
     def run(*words: str) -> tuple[int, str, str]:
         done = subprocess.run([sys.executable, "-m", "rig", *words], capture_output=True, text=True, check=False)
         return done.returncode, done.stdout, done.stderr
@@ -56,7 +56,7 @@ def test_python_runs_the_package_and_ends_as_the_program_does() -> None:
     assert run("config", "ß")[0] == 2
 
 
-def test_every_module_is_imported_without_an_extra() -> None:
+def test_every_module_can_be_imported_without_optional_packages() -> None:
     """And then one that needs an extra."""
     code = WITHOUT + release.EVERYTHING.format(left_out=release.OF_EXTRAS) + f"import {release.OF_EXTRAS[0]}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -60,13 +60,13 @@ def parsed(*words: str) -> Request:
         ("--friction", "1e-05", "--seed", "0"),
     ],
 )
-def test_the_line_that_repeats_a_request_makes_the_same_request(words: tuple[str, ...]) -> None:
+def test_the_command_that_repeats_a_request_parses_to_the_same_request(words: tuple[str, ...]) -> None:
     request = parsed(*words)
     rig, command, *again = shlex.split(repeats("compare", request))
     assert ((rig, command), parsed(*again)) == (("rig", "compare"), request)
 
 
-def test_the_line_leaves_out_what_does_not_change_the_result() -> None:
+def test_the_command_that_repeats_a_request_omits_output_options() -> None:
     request = parsed("a", "--out", "page.html", "--json", "--exact")
     assert repeats("compare", request, without=("--out", "--json")) == "rig compare a --exact"
     assert given_options(request, without=("--json",)) == ["RUNS", "--exact", "--out"]
@@ -81,7 +81,7 @@ class Ruled(Request):
     )
 
 
-def test_a_request_that_keeps_the_rules_is_not_refused() -> None:
+def test_options_that_keep_the_rules_are_not_refused() -> None:
     refuse(Ruled(columns=["a"], as_json=True))
     refuse(Ruled(seed=2, place_mm="1", runs=[Path("a")]))
     refuse(Ruled(seed=2, place_mm="1", friction=2.0))
@@ -123,7 +123,7 @@ def _words(found: Sequence[str], options: Mapping[str, Option]) -> list[str]:
     return [word for label, words in given.items() for word in ([label] if options[label].usual is False else words)]
 
 
-def test_every_rule_between_options_is_kept_by_its_command_before_anything_else(
+def test_every_command_refuses_options_that_break_its_rules_before_any_work(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

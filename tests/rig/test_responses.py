@@ -53,7 +53,7 @@ def model(asked: list[Any]) -> Any:
     return SimpleNamespace(indent=indent)
 
 
-def test_a_virtual_run_is_answered_at_the_truth_even_where_that_is_no_depth(model: Any, asked: list[Any]) -> None:
+def test_the_model_predicts_a_virtual_run_at_its_true_place_and_depth(model: Any, asked: list[Any]) -> None:
     found = responses(_run(virtual=True), model)
     assert asked == [(name, 0.25, {"doi_mm": 0.0}) for name in ("step:1", "step:1", "bar:3")]
     assert [(one.index, one.indentor, one.kind, one.commanded, one.last) for one in found] == [
@@ -65,7 +65,7 @@ def test_a_virtual_run_is_answered_at_the_truth_even_where_that_is_no_depth(mode
     assert [one.hold["hold"] for one in found] == [1, 2, 1]
 
 
-def test_a_run_on_hardware_is_answered_at_the_force_it_recorded(model: Any, asked: list[Any]) -> None:
+def test_the_model_predicts_a_real_run_at_its_recorded_force(model: Any, asked: list[Any]) -> None:
     responses(_run(virtual=False), model)
     assert asked == [
         ("step:1", 0.5, {"force_gwt": 2.5}),
@@ -74,12 +74,12 @@ def test_a_run_on_hardware_is_answered_at_the_force_it_recorded(model: Any, aske
     ]
 
 
-def test_the_last_holds_only(model: Any) -> None:
+def test_responses_of_the_last_holds_only_skip_earlier_holds(model: Any) -> None:
     found = responses(_run(virtual=True), model, last_only=True)
     assert [(one.index, one.hold["hold"]) for one in found] == [(0, 2), (1, 1)]
 
 
-def test_what_differs_in_position_only_is_one_group_ordered_by_x(model: Any) -> None:
+def test_presses_that_differ_in_position_only_form_one_group_ordered_by_x(model: Any) -> None:
     run = _run(virtual=False)
     run.done = {0, 1, 2}
     found = responses(run, model)

@@ -119,7 +119,7 @@ CUT: dict[str, tuple[Callable[[dict[str, Any]], bool], int]] = {
 
 @pytest.mark.quick(rows=lambda after: after not in ("start", "move", "between"))
 @pytest.mark.parametrize("after", CUT)
-def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:
+def test_resuming_makes_exactly_the_missing_presses(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:
     """And gives what it would have: the force is a target, so it agrees to the tolerance of seeking it."""
     last, restarted = CUT[after]
     folder = cut(last)
@@ -147,14 +147,16 @@ def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Ma
         assert {e["index"] for e in done.run.superseded["sample"]} == {1}
 
 
-def test_a_run_killed_before_its_first_document_begins(finger: Fingertip, whole: Path, cut: Make) -> None:
+def test_a_run_killed_before_its_first_document_is_resumed_from_the_start(
+    finger: Fingertip, whole: Path, cut: Make
+) -> None:
     folder = cut(lambda document: document["doc"] == "start")
     (folder / "events.jsonl").write_bytes(b'{"doc": "start", "ui')
     assert _resume(folder, finger).complete
     assert _presses(folder) == _presses(whole)
 
 
-def test_a_complete_run_is_left_alone(finger: Fingertip, whole: Path, tmp_path: Path) -> None:
+def test_resuming_a_complete_run_changes_no_journal_line(finger: Fingertip, whole: Path, tmp_path: Path) -> None:
     folder = tmp_path / "again"
     shutil.copytree(whole, folder)
     before = (folder / "events.jsonl").read_bytes()
@@ -175,7 +177,7 @@ def test_two_processes_cannot_write_to_one_run(cut: Make) -> None:
 
 
 @pytest.mark.parametrize("rest", [b"\xff\xfe\n{}\n", b"3\n", b"{}\n", b'{"doc": "event"}\n'])
-def test_a_line_of_a_journal_that_is_no_document_is_named(tmp_path: Path, rest: bytes) -> None:
+def test_reading_a_run_names_the_journal_line_that_is_no_document(tmp_path: Path, rest: bytes) -> None:
     (tmp_path / "events.jsonl").write_bytes(b'{"doc": "start", "t_s": 0}\n' + rest)
     assert read_run(tmp_path).damage[0].line == 2
 
@@ -183,7 +185,7 @@ def test_a_line_of_a_journal_that_is_no_document_is_named(tmp_path: Path, rest: 
 # --- pause ---
 
 
-def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> None:
+def test_ctrl_c_then_enter_at_a_terminal_pauses_and_continues_a_run(finger: Fingertip, tmp_path: Path) -> None:
     """Ctrl-C, look, Enter: the run ends complete, exit 0."""
     script = tmp_path / "three.py"
     script.write_text(SCRIPT, encoding="utf-8")

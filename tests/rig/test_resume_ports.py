@@ -92,7 +92,7 @@ def test_a_run_does_not_resume_with_another_setting(
     assert (stopped / "events.jsonl").read_bytes() == before
 
 
-def test_a_port_that_is_gone_names_the_way_to_resume(program: Program, stopped: Path) -> None:
+def test_resuming_with_a_missing_port_names_the_config_option(program: Program, stopped: Path) -> None:
     provenance = json.loads((stopped / "provenance.json").read_text(encoding="utf-8"))
     (stopped / "provenance.json").write_text(json.dumps({**provenance, "virtual": False}), encoding="utf-8")
     (stopped / "SHA256SUMS").unlink()

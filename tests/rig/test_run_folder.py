@@ -65,7 +65,7 @@ def _crashed(folder: RunFolder, keep: int, torn: bytes = b'{"doc": "event", "uid
     return folder
 
 
-def test_the_folder_is_named_by_time_and_script_and_is_new(folder: RunFolder, tmp_path: Path) -> None:
+def test_a_run_folder_is_new_and_named_by_time_and_script(folder: RunFolder, tmp_path: Path) -> None:
     assert folder.path.name.startswith("20260102T030405-mine-")
     assert folder.path.parent == tmp_path / "runs"
     assert (folder.path / "protocol.py").read_text(encoding="utf-8") == "def run(rig): pass\n"
@@ -76,7 +76,7 @@ def test_the_folder_is_named_by_time_and_script_and_is_new(folder: RunFolder, tm
     assert again.path != folder.path
 
 
-def test_a_run_is_read_back(folder: RunFolder) -> None:
+def test_reading_a_run_returns_its_journaled_events(folder: RunFolder) -> None:
     run = read_run(folder.path)
     assert run.complete
     assert run.start["title"] == START["title"]
@@ -115,7 +115,7 @@ def test_hdf5_holds_every_event_with_its_unit(folder: RunFolder) -> None:
         assert file["note/text"].asstr()[0] == 'a "word", and µ'
 
 
-def test_csv_is_tidy(folder: RunFolder) -> None:
+def test_csv_tables_have_one_row_per_event_and_end_with_the_press(folder: RunFolder) -> None:
     run = read_run(folder.path)
     export_run(run)
     assert {p.stem for p in folder.path.glob("*.csv")} == {"presses", *(name for name in STREAMS if run.stream(name))}
@@ -129,7 +129,7 @@ def test_csv_is_tidy(folder: RunFolder) -> None:
             assert {k: row[k] for k in own} == {k: "" if event[k] is None else str(event[k]) for k in own}
 
 
-def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_export_that_fails_leaves_the_old_files(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     export_run(read_run(folder.path))
     before = {p.name: p.read_bytes() for p in folder.path.iterdir()}
 
@@ -146,7 +146,7 @@ def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch:
     assert {p.name: p.read_bytes() for p in folder.path.iterdir() if p.suffix != ".part"} == before
 
 
-def test_checksums_verify(folder: RunFolder) -> None:
+def test_the_checksum_file_lists_and_verifies_every_file(folder: RunFolder) -> None:
     export_run(read_run(folder.path))
     folder.write_checksums()
     lines = (folder.path / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
@@ -191,7 +191,7 @@ def test_a_crash_at_any_time_is_readable_and_reported(folder: RunFolder, finger:
     assert "Two presses &lt;on&gt; a spring" in text
 
 
-def test_all_done_but_no_stop_is_not_complete(folder: RunFolder) -> None:
+def test_a_run_with_all_presses_but_no_stop_document_is_not_complete(folder: RunFolder) -> None:
     lines = len(folder.events.read_text(encoding="utf-8").splitlines())
     run = read_run(_crashed(folder, lines - 1, b"").path)
     assert len(run.stream("indentation_end")) == 2
@@ -208,7 +208,9 @@ def test_all_done_but_no_stop_is_not_complete(folder: RunFolder) -> None:
         (b'rubbish\n{"doc": "start", "t_s": 0}\n', "no_start", {"at": " (line 1: not a journal document)"}),
     ],
 )
-def test_a_folder_without_a_run(tmp_path: Path, content: bytes | None, code: str, fields: dict[str, str]) -> None:
+def test_reading_a_folder_without_a_run_is_refused(
+    tmp_path: Path, content: bytes | None, code: str, fields: dict[str, str]
+) -> None:
     if content is not None:
         (tmp_path / "events.jsonl").write_bytes(content)
     with raises(RunError, code, run=str(tmp_path), **fields):
@@ -219,7 +221,7 @@ def _event(t_s: float, stream: str, **data: Any) -> dict[str, Any]:
     return {"doc": "event", "t_s": t_s, "stream": stream, "data": data}
 
 
-def test_a_run_that_was_taken_up_and_did_a_press_twice(tmp_path: Path) -> None:
+def test_a_resumed_run_that_made_a_press_twice_counts_it_as_repeated(tmp_path: Path) -> None:
     documents = [
         {"doc": "start", "t_s": 0.0, "planned_indentations": 1},
         _event(1.0, "indentation_start", index=0, increments=1),

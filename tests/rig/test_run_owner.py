@@ -57,7 +57,7 @@ def _asked(owner: RunOwner, do: str) -> Any:
 # --- in one word ---
 
 
-def test_a_note_that_cannot_be_written_ends_no_run(owner: RunOwner, tmp_path: Path) -> None:
+def test_an_announcement_that_cannot_be_written_does_not_end_a_run(owner: RunOwner, tmp_path: Path) -> None:
     def full(run: Path) -> None:
         raise OSError(28, "No space left")
 
@@ -66,7 +66,7 @@ def test_a_note_that_cannot_be_written_ends_no_run(owner: RunOwner, tmp_path: Pa
     assert owner.folder == RunFolder(tmp_path)
 
 
-def test_a_stop_is_told_of_with_the_state_it_came_in(owner: RunOwner) -> None:
+def test_a_stop_is_reported_with_the_state_it_interrupted(owner: RunOwner) -> None:
     owner.at("running")
     assert owner.stopped() is False
     with owner.asking():
@@ -74,7 +74,9 @@ def test_a_stop_is_told_of_with_the_state_it_came_in(owner: RunOwner) -> None:
     assert (owner._stopped_while, owner.stopped(), _asked(owner, "status")["stopped"]) == ("asking", True, True)
 
 
-def test_a_stop_that_reached_no_stage_is_told_as_such(owner: RunOwner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_that_reached_no_stage_is_reported_as_unconfirmed(
+    owner: RunOwner, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def unplugged() -> None:
         raise TransportError("there is no port")
 
@@ -82,7 +84,7 @@ def test_a_stop_that_reached_no_stage_is_told_as_such(owner: RunOwner, monkeypat
     assert _asked(owner, "stop") == {"stopped": True, "unconfirmed": "there is no port"}
 
 
-def test_each_phase_may_be_stopped_once_more() -> None:
+def test_each_phase_of_a_run_may_be_stopped_once() -> None:
     interrupts: list[int] = []
     owner = RunOwner(StopSwitch(None, lambda: interrupts.append(1)), virtual=True)
     for phase in ("running", "reporting"):
@@ -92,7 +94,7 @@ def test_each_phase_may_be_stopped_once_more() -> None:
     assert len(interrupts) == 2
 
 
-def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
+def test_a_stop_is_recorded_only_after_its_bytes_are_sent(
     owner: RunOwner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
@@ -107,14 +109,14 @@ def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
 
 @pytest.mark.parametrize("do", ["pause", "go_on"])
 @pytest.mark.parametrize("phase", ["planning", "reporting"])
-def test_only_what_runs_is_paused(owner: RunOwner, do: str, phase: Any) -> None:
+def test_a_run_is_paused_only_while_it_runs(owner: RunOwner, do: str, phase: Any) -> None:
     owner.at(phase)
     words = {"pause": "it can be paused only while it runs", "go_on": "it is not paused"}[do]
     assert _asked(owner, do) == {"ok": False, "problem": f"the run is {phase}; {words}"}
     assert owner.pause.asked() is False
 
 
-def test_a_pause_and_its_end(owner: RunOwner, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_panel_pauses_and_continues_a_run(owner: RunOwner, capsys: pytest.CaptureFixture[str]) -> None:
     owner.at("running")
     assert _asked(owner, "go_on") == {"ok": False, "problem": "the run is running; it is not paused"}
     for _ in range(2):
@@ -187,7 +189,9 @@ def _as_soon_as_it_waits(pause: PauseRequest, act: Callable[[], object]) -> Iter
 
 @pytest.mark.parametrize("asked", ["ask", "ask_from_elsewhere"])
 @pytest.mark.parametrize("answered", ["typed", "elsewhere"])
-def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, asked: str, answered: str) -> None:
+def test_a_pause_at_a_terminal_ends_with_the_first_answer_of_keyboard_or_panel(
+    terminal: Terminal, asked: str, answered: str
+) -> None:
     keyboard, screen = terminal()
     pause = PauseRequest()
     getattr(pause, asked)()
@@ -201,7 +205,7 @@ def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, aske
 
 
 @pytest.mark.parametrize("wait", ["a pause", "a request"])
-def test_what_is_looked_at_meanwhile_may_end_the_wait(terminal: Terminal, wait: str) -> None:
+def test_the_stop_button_ends_a_pause_or_a_mounting_request(terminal: Terminal, wait: str) -> None:
     """The participant's button, say. Nobody types anything."""
     terminal()
     pause, looks = PauseRequest(), [1, 2, 3]
@@ -216,7 +220,7 @@ def test_what_is_looked_at_meanwhile_may_end_the_wait(terminal: Terminal, wait: 
         pause.go_on(meanwhile) if wait == "a pause" else ask_at_the_bench(Request("mount it", "bar:3.0", meanwhile))
 
 
-def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal: Terminal) -> None:
+def test_the_end_of_keyboard_input_ends_a_run_paused_from_the_panel(terminal: Terminal) -> None:
     keyboard, _ = terminal()
     pause = PauseRequest()
     pause.ask_from_elsewhere()
@@ -226,7 +230,7 @@ def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal:
     assert pause.asked() is True
 
 
-def test_what_was_typed_for_somebody_else_is_not_taken(terminal: Terminal) -> None:
+def test_a_pause_continued_from_the_panel_leaves_typed_lines_unread(terminal: Terminal) -> None:
     """A pause that went on from elsewhere leaves the next line to whoever asks next."""
     keyboard, _ = terminal()
     pause = PauseRequest()
@@ -244,7 +248,7 @@ def nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     return capsys
 
 
-def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixture[str]) -> None:
+def test_without_a_terminal_a_pause_from_the_panel_waits_for_the_panel(nobody: pytest.CaptureFixture[str]) -> None:
     pause = PauseRequest()
     pause.ask_from_elsewhere()
     with _as_soon_as_it_waits(pause, pause.continue_remotely):
@@ -252,7 +256,7 @@ def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixtur
     assert "paused after a lift: continue from the panel, or press Ctrl-C to end the run\n" in nobody.readouterr().err
 
 
-def test_without_a_terminal_nobody_is_waited_for_where_a_signal_asked(nobody: pytest.CaptureFixture[str]) -> None:
+def test_without_a_terminal_a_pause_requested_by_a_signal_ends_the_run(nobody: pytest.CaptureFixture[str]) -> None:
     pause = PauseRequest()
     pause.ask()
     assert pause.go_on() is False
@@ -279,7 +283,7 @@ def test_ctrl_c_stops_at_once_where_the_panel_has_asked_for_a_pause(nobody: obje
         assert pause.asked() is True
 
 
-def test_where_a_keyboard_cannot_be_looked_at_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_keyboard_that_cannot_be_polled_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def no_socket(*_: object) -> None:
         raise OSError(10038, "not a socket")
@@ -300,7 +304,7 @@ def _from_a_thread(act: Callable[[], object]) -> None:
 
 @pytest.mark.parametrize("signals", [True, False])
 @pytest.mark.parametrize("enter", [stoppable, at_a_safe_point])
-def test_the_main_thread_is_interrupted_from_another_one(
+def test_another_thread_can_interrupt_the_main_thread(
     monkeypatch: pytest.MonkeyPatch, enter: Callable[[], AbstractContextManager[object]], signals: bool
 ) -> None:
     with enter():
@@ -310,7 +314,9 @@ def test_the_main_thread_is_interrupted_from_another_one(
             _from_a_thread(interrupt_main)
 
 
-def test_without_a_signal_a_stop_spares_the_record_and_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_stop_signals_a_stop_waits_for_the_record_and_interrupts_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """As on Windows: what stopped one command is no second Ctrl-C of the next."""
     monkeypatch.setattr(interrupts, "STOP_SIGNAL", None)
     with unstoppable():
@@ -358,7 +364,7 @@ def test_a_run_is_announced_while_it_lasts(tmp_path: Path, monkeypatch: pytest.M
     assert not [one for one in announced() if one.pid == os.getpid()]
 
 
-def test_where_a_run_cannot_be_announced_it_goes_on(
+def test_a_run_that_cannot_be_announced_continues_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()
@@ -450,7 +456,7 @@ def test_a_stop_is_recorded_or_refused_whenever_it_comes(
     assert ended is ends
 
 
-def test_a_signal_does_not_cut_short_what_writes_a_stop_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_does_not_interrupt_the_recording_of_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`rig stop` sends it to whoever has the port and refuses to be asked."""
     written: list[str] = []
 
@@ -469,7 +475,7 @@ def test_a_signal_does_not_cut_short_what_writes_a_stop_down(tmp_path: Path, mon
 
 @pytest.mark.parametrize(("by", "reason"), [("", AT_ONCE), ("panel", FROM_THE_PANEL)])
 @pytest.mark.parametrize("began", [False, True])
-def test_a_stop_is_recorded_at_the_end_and_only_then(
+def test_a_stop_is_recorded_once_the_run_has_ended(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -507,7 +513,7 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
     assert (f"rig: the run folder {folder.path} records the stop\n" in capsys.readouterr().err) is not began
 
 
-def test_a_stop_that_cannot_be_recorded_is_told_of(
+def test_a_stop_that_cannot_be_recorded_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def full(*_: object) -> None:

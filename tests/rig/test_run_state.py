@@ -114,7 +114,7 @@ class Shown:
 @pytest.mark.quick(rows=lambda name: name != "a dry run")  # as the first part of one that was taken up
 @pytest.mark.usefixtures("empty_figures", "finger")
 @pytest.mark.parametrize("name", MADE)
-def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_path: Path) -> None:
+def test_all_views_of_a_run_agree_after_every_document(name: str, program: Program, tmp_path: Path) -> None:
     shown = Shown(MADE[name](program, tmp_path), tmp_path / "shown")
     last_s, latest = 0.0, RunState()
     for number, line in enumerate(shown.lines):
@@ -188,7 +188,7 @@ def _the_same_of_what_has_ended(shown: Shown) -> None:
 
 
 @pytest.mark.parametrize("name", ["complete_with_a_schedule", "stopped"])
-def test_a_journal_may_be_cut_within_any_line(name: str, tmp_path: Path) -> None:
+def test_a_live_view_follows_a_journal_that_is_cut_within_any_line(name: str, tmp_path: Path) -> None:
     shown = Shown(OLD / name, tmp_path / "shown")
     for number, line in enumerate(shown.lines[:-1]):
         for piece in (line[: len(line) // 2], line[len(line) // 2 :]):

@@ -307,7 +307,7 @@ SHOWN = {
 }
 
 
-def test_every_place_counts_from_the_start_of_the_run(folder: Path, request: pytest.FixtureRequest) -> None:
+def test_every_output_counts_time_from_the_start_of_the_run(folder: Path, request: pytest.FixtureRequest) -> None:
     if request.node.callspec.params["folder"] in ("fresh", "resumed"):
         _is_written_in_the_time_of_the_run(folder)
     true_s = _true_s(folder)
@@ -334,7 +334,7 @@ def _is_written_in_the_time_of_the_run(folder: Path) -> None:
     _in_a_part(folder, chunks)
 
 
-def test_a_wall_clock_that_was_set_back_does_not_turn_a_run_back(run: Run, resume: Run) -> None:
+def test_a_wall_clock_that_was_set_back_leaves_run_times_ascending(run: Run, resume: Run) -> None:
     folder = run(stopped=True).folder.path
     end_s = read_run(folder).end_s
     assert resume(folder, START_UNIX_S - 3600.0).complete
@@ -343,7 +343,7 @@ def test_a_wall_clock_that_was_set_back_does_not_turn_a_run_back(run: Run, resum
     assert next(one["t_s"] for one in documents if one["doc"] == "resume") == pytest.approx(end_s, abs=0.5)
 
 
-def test_a_stop_during_planning_is_in_the_time_of_its_run(computer: Computer, tmp_path: Path) -> None:
+def test_a_stop_during_planning_has_times_from_the_opening_of_the_ports(computer: Computer, tmp_path: Path) -> None:
     """The run began when its ports were opened: its bytes, and the stop, come later."""
     path = tmp_path / "two.py"
     path.write_text(SCRIPT, encoding="utf-8")
@@ -360,7 +360,7 @@ def test_a_stop_during_planning_is_in_the_time_of_its_run(computer: Computer, tm
     assert PLANNED_S <= chunk <= stop["t_s"] < PLANNED_S + 30.0
 
 
-def test_bytes_from_before_a_run_are_before_its_start(computer: Computer) -> None:
+def test_bytes_sent_before_a_run_have_times_before_its_start(computer: Computer) -> None:
     computer.boot(BOOTED_S, START_UNIX_S)
     with closing(OwnedStage(CONFIG, WallClock()).open()) as stage:
         computer.clock.wait_s(1.0)

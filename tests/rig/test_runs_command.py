@@ -49,7 +49,7 @@ def names(entries: list[IndexEntry]) -> list[str]:
 # --- the list ---
 
 
-def test_what_cannot_be_read_comes_last_and_keeps_no_index_from_the_others(runs: Path) -> None:
+def test_rig_runs_lists_unreadable_folders_last_and_indexes_the_others(runs: Path) -> None:
     (runs / "a_note").mkdir()
     assert names(listed(runs)) == [*NAMES, "a_note"]
     assert (runs / INDEX).exists()
@@ -78,7 +78,9 @@ def test_what_cannot_be_read_comes_last_and_keeps_no_index_from_the_others(runs:
     ],
     ids=" ".join,
 )
-def test_what_is_asked_for(program: Program, runs: Path, options: list[str], found: tuple[str, ...]) -> None:
+def test_rig_runs_filters_by_subject_shape_protocol_and_state(
+    program: Program, runs: Path, options: list[str], found: tuple[str, ...]
+) -> None:
     ended = program("runs", runs, *options, "--json")
     assert [one["name"] for one in ended.json["runs"]] == list(found)
 
@@ -97,7 +99,7 @@ BROKEN: dict[str, tuple[bytes | None, str]] = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_what_is_no_run_has_one_line_and_the_others_theirs(program: Program, runs: Path, name: str) -> None:
+def test_rig_runs_names_each_unreadable_run_in_one_line(program: Program, runs: Path, name: str) -> None:
     content, named = BROKEN[name]
     (runs / name).mkdir()
     if content is not None:
@@ -116,7 +118,7 @@ def test_what_is_no_run_has_one_line_and_the_others_theirs(program: Program, run
     assert (of_one.error_code == "foreign_run") is ("Error: " in named)
 
 
-def test_what_else_lies_there(runs: Path) -> None:
+def test_rig_runs_ignores_files_and_hidden_folders(runs: Path) -> None:
     """Files and hidden folders are nobody's runs; one that is being made is, and a journal must be a file."""
     (runs / "notes.txt").touch()
     for name in (".hidden", ".20260101T000000-a-b.part", "odd/events.jsonl"):
@@ -129,7 +131,7 @@ def test_what_else_lies_there(runs: Path) -> None:
     }
 
 
-def test_a_run_that_is_written_to_is_running(program: Program, runs: Path) -> None:
+def test_rig_runs_shows_a_run_in_progress_as_running(program: Program, runs: Path) -> None:
     def states() -> list[str]:
         return [one["state"] for one in program("runs", runs, "--json").json["runs"]]
 
@@ -146,7 +148,7 @@ def test_a_run_that_is_written_to_is_running(program: Program, runs: Path) -> No
 # --- the table ---
 
 
-def test_all_holds_of_many_runs_are_one_table(program: Program, runs: Path, tmp_path: Path) -> None:
+def test_rig_runs_writes_all_holds_of_many_runs_to_one_table(program: Program, runs: Path, tmp_path: Path) -> None:
     path, journal = tmp_path / "all.csv", runs / "complete" / "events.jsonl"
 
     def marked(document: dict[str, Any]) -> dict[str, Any]:
@@ -184,13 +186,13 @@ def test_all_holds_of_many_runs_are_one_table(program: Program, runs: Path, tmp_
 # --- the index ---
 
 
-def test_a_journal_is_read_once(runs: Path) -> None:
+def test_rig_runs_reads_an_unchanged_journal_once(runs: Path) -> None:
     first = listed(runs)
     assert listed(runs, unread) == first
     assert [len(entry.rows) for entry in first] == [len(summarised(OLD / name)[1]) for name in NAMES]
 
 
-def test_what_changed_is_read_again_and_no_other(runs: Path) -> None:
+def test_rig_runs_reads_only_changed_journals_again(runs: Path) -> None:
     listed(runs)
     read: list[str] = []
 
@@ -209,7 +211,7 @@ def test_what_changed_is_read_again_and_no_other(runs: Path) -> None:
         assert {name for (name,) in index.execute("SELECT name FROM runs")} == set(names(found))
 
 
-def test_another_journal_of_the_same_size_and_time_is_read_again(runs: Path) -> None:
+def test_rig_runs_reads_a_changed_journal_of_the_same_size_and_time_again(runs: Path) -> None:
     listed(runs)
     journal = runs / "complete" / "events.jsonl"
     was, content = journal.stat(), journal.read_bytes()
@@ -242,14 +244,14 @@ DAMAGE: dict[str, Callable[[Path], Any]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_index_is_made_anew(runs: Path, damage: str) -> None:
+def test_rig_runs_rebuilds_a_damaged_index(runs: Path, damage: str) -> None:
     first = listed(runs)
     DAMAGE[damage](runs / INDEX)
     assert listed(runs) == first
     assert listed(runs, unread) == first
 
 
-def test_an_index_that_cannot_be_written_is_done_without(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rig_runs_works_without_a_writable_index(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = listed(runs)
     (runs / INDEX).unlink()
     (runs / INDEX).mkdir()
@@ -267,7 +269,7 @@ def test_an_index_that_cannot_be_written_is_done_without(runs: Path, monkeypatch
     assert len(listed(runs, unread)) == 4
 
 
-def test_several_at_once_see_the_same(runs: Path) -> None:
+def test_several_rig_runs_at_once_list_the_same(runs: Path) -> None:
     first = [listed(runs)]
     (runs / INDEX).unlink()
     begin, seen = threading.Barrier(4), list[list[IndexEntry]]()
@@ -288,7 +290,7 @@ def test_several_at_once_see_the_same(runs: Path) -> None:
 # --- one run ---
 
 
-def test_one_run_is_told(program: Program, runs: Path) -> None:
+def test_rig_show_summarizes_state_presses_limits_and_files_of_a_run(program: Program, runs: Path) -> None:
     told = program("show", runs / "complete_with_a_schedule", "--json").json
     run = read_run(OLD / "complete_with_a_schedule")
     expected = {"state": "done", "planned": 8, "done": 8, "subject": "S07", "protocol": "mixed", "ending": None}
@@ -307,7 +309,7 @@ def test_one_run_is_told(program: Program, runs: Path) -> None:
     assert {"name": "events.jsonl", "bytes": size} in told["files"]
 
 
-def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program, runs: Path) -> None:
+def test_rig_show_tells_where_a_killed_run_left_the_indentor(program: Program, runs: Path) -> None:
     ended = program("show", runs / "stopped")
     assert "because     the run has no end record: its program was killed or the power failed\n" in ended.out
     assert (
@@ -319,7 +321,7 @@ def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program,
     assert "state       tripped, 5 of 8 indentations\nbecause     too much\npressed" in ended.out
 
 
-def test_a_run_without_its_copies_is_told_all_the_same(program: Program, runs: Path) -> None:
+def test_rig_show_summarizes_a_run_without_its_stored_copies(program: Program, runs: Path) -> None:
     folder = runs / "complete"
     (folder / "provenance.json").unlink()
     (folder / "config.toml").write_text("[limits", encoding="utf-8")

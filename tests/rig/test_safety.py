@@ -50,7 +50,7 @@ def test_a_trip_lifts_as_configured(spring: Make, on_trip: str, height_mm: float
         assert bench.height_mm == pytest.approx(height_mm, abs=0.002)
 
 
-def test_force_over_area_trips(spring: Make) -> None:
+def test_a_force_above_the_pressure_limit_over_the_contact_area_trips(spring: Make) -> None:
     """300 kPa over 0.1 mm² is 0.03 N, 3.06 gwt."""
     bench = spring()
     engine = bench.ready()
@@ -81,7 +81,7 @@ def looked_at(heartbeat: Watched, times: int) -> None:
     until(lambda: heartbeat.looks >= seen + times)
 
 
-def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
+def test_the_heartbeat_stops_the_stage_when_the_engine_is_silent() -> None:
     """On the real clock: nobody beats, as in a read that never returns."""
     stopped_s: list[float] = []
     clock, stopped = WallClock(), threading.Event()
@@ -96,7 +96,7 @@ def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
     assert stopped_s[0] >= began_s + 0.1
 
 
-def test_a_beating_or_resting_engine_is_left_alone() -> None:
+def test_the_heartbeat_does_not_stop_a_beating_or_resting_engine() -> None:
     stopped: list[bool] = []
     clock = VirtualClock()
     heartbeat = Watched(clock, lambda: stopped.append(True))
@@ -115,7 +115,7 @@ def test_a_beating_or_resting_engine_is_left_alone() -> None:
     assert (thread.name, thread.daemon, thread.is_alive()) == ("heartbeat", True, False)
 
 
-def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:
+def test_a_lost_heartbeat_stops_the_stage_and_trips(spring: Make) -> None:
     """A disk that hangs under the journal: the stop goes out meanwhile, and nothing moves after it."""
     bench = spring()
     engine = bench.ready()
@@ -138,7 +138,9 @@ def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:
 
 
 @pytest.mark.parametrize(("speed_mm_s", "latency_s"), [(0.5, 0.1), (5.0, 0.02)])
-def test_the_stage_stops_within_what_was_computed(spring: Make, speed_mm_s: float, latency_s: float) -> None:
+def test_the_stage_stops_within_the_computed_stopping_distance(
+    spring: Make, speed_mm_s: float, latency_s: float
+) -> None:
     """Told to stop in mid-move so much later: v · latency + v² / 2a, measured on the carriage, one step allowed."""
     bench = spring()
     bench.ready()
@@ -154,7 +156,7 @@ def test_the_stage_stops_within_what_was_computed(spring: Make, speed_mm_s: floa
 
 
 @pytest.mark.parametrize("k_gwt", [60.0, 4000.0])
-def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: float) -> None:
+def test_a_stiff_object_is_pressed_no_harder_than_trip_and_overshoot(spring: Make, k_gwt: float) -> None:
     """The true force at every step of the stage, against trip and overshoot at the true stiffness."""
     bench = spring(k_gwt=k_gwt, soft_trip_n=0.02)
     engine = bench.ready()
@@ -174,7 +176,7 @@ def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: floa
     assert 0.05 < felt[0] / GWT_N <= bound
 
 
-def test_the_hard_trip_holds_whatever_was_predicted(spring: Make) -> None:
+def test_the_hard_trip_acts_whatever_was_predicted(spring: Make) -> None:
     settings = RigSettings.model_validate({"limits": {"soft_trip_n": 0.05, "hard_trip_n": 0.05}})
     bench = spring(settings=settings, soft_trip_n=4.0)
     engine = bench.ready()

@@ -106,7 +106,7 @@ def _is_quick(bench: dict[str, Any]) -> bool:
 
 @pytest.mark.quick(rows=_is_quick)
 @pytest.mark.parametrize("bench", BENCHES, ids=lambda bench: "-".join(map(str, _words(bench))))
-def test_equal_steps_and_counts_leave_nothing_to_differ(
+def test_all_stages_and_sensors_with_equal_steps_and_counts_press_identically(
     grbl: Run, finger: Fingertip, tmp_path: Path, bench: dict[str, Any]
 ) -> None:
     """All stages make 400 steps a mm, all sensors count 0.01 g: at rest the same steps give the same counts."""
@@ -121,7 +121,9 @@ def test_equal_steps_and_counts_leave_nothing_to_differ(
             assert [mine[key] for key in keys] == pytest.approx([other[key] for key in keys], abs=1e-9)
 
 
-def test_other_steps_and_counts_differ_by_them_and_no_more(grbl: Run, finger: Fingertip, tmp_path: Path) -> None:
+def test_stages_and_sensors_with_other_steps_and_counts_agree_within_their_resolution(
+    grbl: Run, finger: Fingertip, tmp_path: Path
+) -> None:
     """1000 pulses a mm, z running against its axis, and counts of 0.02 g.
 
     Depth: half a step of each stage, and what each touch-off may miss, which is the depth that hides below half a

@@ -229,20 +229,20 @@ def ask(program: Program, tmp_path: Path, run: Run, empty_figures: None, monkeyp
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_neither_the_cache_nor_the_order_changes_a_number(way: str, ask: Ask, neighbours: Path) -> None:
+def test_cache_and_order_of_requests_change_no_result(way: str, ask: Ask, neighbours: Path) -> None:
     found = ask(way)
     assert found
     assert ask(way, neighbours, backwards=True) == found
 
 
 @pytest.mark.parametrize("way", IN_PROCESSES)
-def test_two_processes_give_the_numbers_of_one(way: str, ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_processes_give_the_same_results_as_one(way: str, ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
     found = ask(way)
     monkeypatch.setattr(parallel, "in_processes", in_processes)
     assert ask(way, processes=2) == found
 
 
-def test_receptors_that_are_added_to_a_cached_model(
+def test_receptors_added_to_a_cached_model_change_results_only_by_rounding(
     ask: Ask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Their strain comes from another factorization: rounding, below what the contact is solved to."""
@@ -258,7 +258,7 @@ def test_receptors_that_are_added_to_a_cached_model(
             np.testing.assert_allclose(again[name][measure], values, rtol=TARGET_RESIDUAL, err_msg=measure)
 
 
-def test_a_shape_file_counts_by_what_is_in_it(
+def test_an_edited_shape_file_has_its_own_cached_results(
     program: Program, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An edited file of the same name has answers of its own, on a cache that holds those of the first."""

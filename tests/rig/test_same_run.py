@@ -179,7 +179,7 @@ def test_a_script_that_plans_another_press_later_is_not_resumed(
 
 
 @pytest.mark.parametrize("what", ["x", "later hold"])
-def test_a_script_that_catches_the_refusal_is_not_resumed_either(
+def test_a_script_that_catches_the_refusal_is_not_resumed(
     program: Program, stopped: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
     folder = stopped(what)
@@ -190,7 +190,7 @@ def test_a_script_that_catches_the_refusal_is_not_resumed_either(
     assert (folder / "events.jsonl").read_bytes() == before
 
 
-def test_a_changed_environment_is_no_other_run_if_it_is_restored(
+def test_a_run_is_resumed_once_its_environment_is_restored(
     program: Program, stopped: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = stopped("nothing")
@@ -202,7 +202,7 @@ def test_a_changed_environment_is_no_other_run_if_it_is_restored(
     assert program("resume", folder).code == 0
 
 
-def test_a_run_that_journalled_nothing_is_resumed_only_with_its_plan(
+def test_a_run_without_journaled_presses_is_resumed_only_with_its_stored_plan(
     program: Program, stopped: Callable[[str], Path]
 ) -> None:
     folder = stopped("later x")
@@ -221,7 +221,7 @@ def test_a_run_that_stored_no_plan_is_compared_with_its_journal_alone(
 
 
 @pytest.mark.parametrize(("content", "code"), [(None, "no_run_folder"), (b"{}\n", "changed_since")])
-def test_a_plan_that_is_lost_or_changed_is_not_passed_over(
+def test_a_run_whose_stored_plan_is_lost_or_changed_is_not_resumed(
     program: Program, stopped: Callable[[str], Path], content: bytes | None, code: str
 ) -> None:
     folder = stopped("nothing")
@@ -244,7 +244,7 @@ def _without_plan(folder: Path) -> None:
 # A difference that is done and one to come, a note and a rest: each once.
 @pytest.mark.quick(rows=lambda what: what not in ("note", "later rest"))
 @pytest.mark.parametrize("what", ["nothing", "note", "rest", "later note", "later rest", "no later rest"])
-def test_a_script_that_asks_for_the_same_presses_is_resumed_and_another_note_or_rest_is_reported(
+def test_a_script_with_the_same_presses_is_resumed_and_its_other_notes_or_rests_are_reported(
     program: Program, stopped: Callable[[str], Path], what: str
 ) -> None:
     """Also where a number is computed from an answer or by numpy, and where an order is seeded."""
@@ -259,7 +259,7 @@ def test_a_script_that_asks_for_the_same_presses_is_resumed_and_another_note_or_
 
 
 @pytest.mark.parametrize(("what", "code"), [("order of places", "another_press"), ("nothing", None)])
-def test_a_run_of_0_2_is_compared_in_what_its_journal_has(
+def test_a_run_of_version_0_2_is_compared_by_the_columns_it_has(
     finger: Fingertip, stopped: Callable[[str], Path], what: str, code: str | None
 ) -> None:
     new = ("crc32", "verb", "speed_mm_s", "hold_s")
@@ -386,7 +386,9 @@ AT_THE_TOP = {
 
 
 @pytest.mark.parametrize("what", AT_THE_TOP)
-def test_a_run_makes_the_presses_that_were_planned(program: Program, tmp_path: Path, what: str) -> None:
+def test_a_run_makes_the_planned_presses_whatever_an_earlier_pass_changed_in_the_script(
+    program: Program, tmp_path: Path, what: str
+) -> None:
     """Each pass begins as in a new process, whatever an earlier one left at the top of the script."""
     top, places = AT_THE_TOP[what]
     beside = "import random\nRNG = random.Random(7)\ndef places():\n    return [RNG.random(), RNG.random()]\n"
@@ -413,7 +415,7 @@ def test_a_run_makes_the_presses_that_were_planned(program: Program, tmp_path: P
         "(np.random.random(), np.random.set_bit_generator(np.random.PCG64()))[0]",
     ],
 )
-def test_what_a_script_draws_without_a_seed_is_the_same_in_every_pass(tmp_path: Path, draw: str) -> None:
+def test_unseeded_random_numbers_are_the_same_in_every_pass_of_a_script(tmp_path: Path, draw: str) -> None:
     """So that the run makes the presses of its plan; another process draws others, and cannot resume it."""
     path = tmp_path / "mine.py"
     path.write_text(

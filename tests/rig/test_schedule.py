@@ -56,13 +56,13 @@ SET = ("order=random", "seed=3", "blocks=2", "rest_s=1.5", "block_rest_s=10", "p
 # --- the order ---
 
 
-def test_the_order_of_a_seed_never_changes() -> None:
+def test_the_random_order_of_a_seed_never_changes() -> None:
     """Written down once; it rests on random.Random(text).random(), which Python keeps from version to version."""
     schedule = Schedule("abcdef", order="random", seed=3, blocks=2)
     assert ["".join(schedule.block(n)) for n in (1, 2)] == ["fcbead", "fdbcea"]
 
 
-def test_every_item_comes_as_often_as_asked() -> None:
+def test_a_schedule_repeats_every_item_as_often_as_requested() -> None:
     schedule = Schedule("abc", order="random", seed=1, repeats=4)
     assert sorted(schedule.block(1)) == sorted("abc" * 4)
     assert len({schedule.block(n) for n in range(1, 9)}) > 1
@@ -70,7 +70,7 @@ def test_every_item_comes_as_often_as_asked() -> None:
     assert Schedule("abc", repeats=2).block(1) == tuple("abcabc")
 
 
-def test_every_order_is_as_likely() -> None:
+def test_every_random_order_is_equally_likely() -> None:
     """Of six orders over 1200 seeds each comes 200 ± 5 · √(1200 · 1/6 · 5/6) = 200 ± 65 times."""
     orders = [Schedule("abc", order="random", seed=seed).block(1) for seed in range(1200)]
     counts = [orders.count(order) for order in itertools.permutations("abc")]
@@ -97,7 +97,7 @@ def _marked_steps(schedule: Schedule[Any]) -> list[tuple[Step[Any, Any], dict[st
     return [(step, dict(place.marks)) for step, place in zip(found.steps, found.places, strict=True)][2:]
 
 
-def test_rests_lie_between_items_and_between_blocks() -> None:
+def test_a_schedule_rests_between_items_and_between_blocks() -> None:
     """Neither before the first nor after the last; a rest belongs to the block, not to an item."""
     found = _marked_steps(Schedule(("a", "b", "c"), blocks=3, rest_s=1.5, block_rest_s=10.0))
     between: list[tuple[Step[Any, Any], dict[str, Any]]] = [(Rest(10.0), {})]
@@ -120,7 +120,7 @@ def test_rests_lie_between_items_and_between_blocks() -> None:
     ]
 
 
-def test_a_reference_comes_before_every_so_many_items() -> None:
+def test_a_schedule_places_a_reference_press_before_every_n_items() -> None:
     """And a schedule without one has none."""
     presses = [
         (step, marks)
@@ -132,7 +132,7 @@ def test_a_reference_comes_before_every_so_many_items() -> None:
     assert presses == [reference, a, b, reference, c, d, reference, e]
 
 
-def test_repeats_are_counted_from_one_in_each_block() -> None:
+def test_a_schedule_counts_repeats_from_one_in_each_block() -> None:
     found = _marked_steps(Schedule((0.5, 1), repeats=3, blocks=2))
     assert [tuple(marks.values()) for _, marks in found if "condition" in marks] == [
         (block, repeat, condition) for block in (1, 2) for repeat in (1, 2, 3) for condition in ("0.5", "1")
@@ -159,7 +159,7 @@ def _order(run: Any) -> list[float]:
     return [event["x_mm"] for event in run.stream("indentation_start")]
 
 
-def test_blocks_rests_checkpoints_and_zeros_are_journalled(done: FinishedRun) -> None:
+def test_the_journal_has_blocks_rests_checkpoints_and_zeros_of_a_schedule(done: FinishedRun) -> None:
     run = done.run
     schedule = Schedule(PLACES, order="random", seed=3)
     assert _order(run) == [*schedule.block(1), *schedule.block(2)]
@@ -170,7 +170,7 @@ def test_blocks_rests_checkpoints_and_zeros_are_journalled(done: FinishedRun) ->
     assert not run.stream("alarm")
 
 
-def test_preconditioning_is_no_data(done: FinishedRun) -> None:
+def test_preconditioning_presses_are_kept_apart_from_data(done: FinishedRun) -> None:
     run = done.run
     pressed = run.stream("precondition_hold_end")
     assert [(e["index"], e["x_mm"]) for e in pressed] == [(n, 0.0) for n in range(4)]
@@ -191,7 +191,7 @@ def test_check_counts_rests_and_preconditioning(done: FinishedRun, finger: Finge
     assert said["margins"]["contact_s"] == 3600.0 - said["contact_s"]
 
 
-def test_the_contact_time_is_that_of_the_readings(done: FinishedRun) -> None:
+def test_the_contact_time_of_a_run_is_that_of_its_readings(done: FinishedRun) -> None:
     """From the first reading of contact to the end of the lift, of every press, data or not."""
     run, total_s = done.run, 0.0
     samples = sorted([*run.stream("sample"), *run.stream("precondition_sample")], key=lambda e: e["t_s"])
@@ -207,7 +207,7 @@ def test_the_contact_time_is_that_of_the_readings(done: FinishedRun) -> None:
 @pytest.mark.parametrize(
     ("stream", "nth"), [("hold_end", 1), ("rest", 2), ("precondition_hold_end", 2), ("sample", -20)]
 )
-def test_after_a_resume_the_order_is_the_same(
+def test_a_resumed_run_keeps_the_random_order(
     done: FinishedRun, finger: Fingertip, tmp_path: Path, stream: str, nth: int
 ) -> None:
     """Cut after an event; what is missing is done in the order of the seed, checkpoints are not passed twice."""
@@ -249,7 +249,7 @@ def referenced(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> F
     return _with_references(tmp_path_factory.mktemp("references"), finger)
 
 
-def test_references_are_compared_and_no_data(referenced: FinishedRun) -> None:
+def test_reference_presses_are_compared_and_kept_apart_from_data(referenced: FinishedRun) -> None:
     """The same finger answers the same to a step of the sensor, 0.01 of some 0.6 and 2 gwt."""
     run = referenced.run
     assert referenced.complete
@@ -265,7 +265,7 @@ def test_references_are_compared_and_no_data(referenced: FinishedRun) -> None:
 
 @pytest.mark.quick(rows=lambda on_alarm: on_alarm == "warn")  # test_an_alarm_trips_where_that_is_configured
 @pytest.mark.parametrize("on_alarm", ["warn", "trip"])
-def test_a_finger_that_has_softened_alarms(finger: Fingertip, tmp_path: Path, on_alarm: str) -> None:
+def test_a_reference_press_on_a_softened_finger_alarms(finger: Fingertip, tmp_path: Path, on_alarm: str) -> None:
     """A share of 0.7 relaxes with 30 s: when the second reference comes it has not recovered from what was before."""
     done = _with_references(
         tmp_path, finger, virtual={"relaxation": [[0.7, 30.0]]}, limits={"on_alarm": on_alarm, "reference_band": 0.05}
@@ -298,7 +298,7 @@ def test_a_resumed_run_compares_with_its_first_reference(
 
 
 @pytest.mark.parametrize("name", ["Anna", "anna01", "S7", "SUBJ01", "S07 Anna", "", "S07\n", "07"])
-def test_names_are_refused_and_not_repeated(
+def test_a_subject_given_by_name_is_refused_without_printing_the_name(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setattr(

@@ -44,7 +44,7 @@ def _from_ready(script: Script, parameters: ProtocolParameters | None = None) ->
     return found
 
 
-def test_every_verb_is_in_the_table() -> None:
+def test_every_method_of_a_script_is_a_known_verb() -> None:
     """The rest of what a script sees are `parameters`, `mark`, and `do` for steps of its own."""
     assert {name for name in vars(Rig) if not name.startswith("_")} == {*VERBS, "parameters", "mark", "do"}
 
@@ -52,7 +52,7 @@ def test_every_verb_is_in_the_table() -> None:
 # --- where a step stands ---
 
 
-def test_a_step_stands_where_the_ones_before_it_have_led() -> None:
+def test_each_step_of_a_script_has_the_indentor_and_place_of_the_steps_before() -> None:
     def script(rig: Rig) -> None:
         rig.mount("step")
         rig.home()
@@ -72,7 +72,7 @@ def test_a_step_stands_where_the_ones_before_it_have_led() -> None:
     assert [len(s.ids) for s in places] == 8 * [0] + 3 * [1]
 
 
-def test_presses_are_numbered_among_those_of_their_purpose() -> None:
+def test_presses_are_numbered_by_purpose() -> None:
     def script(rig: Rig) -> None:
         for _ in range(2):
             rig.indent(doi_mm=0.3)
@@ -112,7 +112,7 @@ AFTER_HOMING = ("zero", "move_to", "retract", "rest", "reference")
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_only_words_mounting_and_homing_may_come_first(verb: str) -> None:
+def test_only_notes_mounting_and_homing_may_come_first_in_a_script(verb: str) -> None:
     script = VERBS[verb]
     if verb in FREE:
         walked(script)
@@ -133,7 +133,7 @@ def _without(left_out: str) -> Script:
 
 @pytest.mark.parametrize("verb", ["indent", "precondition", "touch"])
 @pytest.mark.parametrize("left_out", ["mount", "zero", "move_to"])
-def test_what_touches_comes_last(verb: str, left_out: str) -> None:
+def test_a_press_is_refused_before_mount_zero_and_move(verb: str, left_out: str) -> None:
     def script(rig: Rig) -> None:
         _without(left_out)(rig)
         VERBS[verb](rig)
@@ -142,7 +142,7 @@ def test_what_touches_comes_last(verb: str, left_out: str) -> None:
 
 
 @pytest.mark.parametrize("verb", ["indent", "precondition", "touch"])
-def test_homing_leaves_the_place(verb: str) -> None:
+def test_after_homing_a_press_needs_a_new_move(verb: str) -> None:
     def script(rig: Rig) -> None:
         ready(rig).home()
         VERBS[verb](rig)
@@ -151,7 +151,7 @@ def test_homing_leaves_the_place(verb: str) -> None:
 
 
 @pytest.mark.parametrize("verb", ["indent", "precondition"])
-def test_elsewhere_along_the_finger_is_only_touched(verb: str) -> None:
+def test_a_press_outside_the_receptor_plane_is_refused_and_a_touch_is_not(verb: str) -> None:
     def script(rig: Rig) -> None:
         ready(rig).move_to(x_mm=0.0, along_mm=1.5)
         rig.touch()
@@ -160,7 +160,7 @@ def test_elsewhere_along_the_finger_is_only_touched(verb: str) -> None:
     has_code(refused(script), "along_the_finger", verb=verb, along_mm=1.5)
 
 
-def test_a_checkpoint_is_passed_once() -> None:
+def test_a_checkpoint_name_may_be_used_once() -> None:
     def script(rig: Rig) -> None:
         rig.checkpoint("a")
         rig.checkpoint("b")
@@ -174,7 +174,7 @@ FIRST = {**FIRST_ASKED, "hold_s": 0.5}
 
 
 @pytest.mark.parametrize("change", [{"x_mm": 0.6}, {"doi_mm": 0.4}, {"increments": 3}, {"hold_s": 0.6}, "step"])
-def test_a_reference_is_the_same_each_time(change: dict[str, float] | str) -> None:
+def test_a_reference_press_that_differs_from_the_first_is_refused(change: dict[str, float] | str) -> None:
     def script(rig: Rig) -> None:
         ready(rig).reference(**FIRST)  # type: ignore[arg-type]
         rig.reference(**FIRST)  # type: ignore[arg-type]

@@ -56,7 +56,9 @@ def carried_out(
         ("sys.exit(0)", "SystemExit: 0"),
     ],
 )
-def test_every_verb_is_checked_again(tmp_path: Path, finger: Fingertip, live: str, complaint: str) -> None:
+def test_every_verb_is_checked_again_while_the_run_moves(
+    tmp_path: Path, finger: Fingertip, live: str, complaint: str
+) -> None:
     done = carried_out(tmp_path, finger, live)
     assert isinstance(done.problem, ScriptError)
     assert complaint in str(done.problem)
@@ -68,7 +70,7 @@ def test_every_verb_is_checked_again(tmp_path: Path, finger: Fingertip, live: st
     assert done.folder.data.exists()
 
 
-def test_a_swallowed_trip_does_not_end_well(tmp_path: Path, finger: Fingertip) -> None:
+def test_a_run_whose_script_swallows_a_trip_ends_as_tripped(tmp_path: Path, finger: Fingertip) -> None:
     """The finger lies 1 mm lower than the rig believes: no contact where it is expected."""
     live = "\n        ".join(["try:", "    rig.indent(doi_mm=0.2)", "except Exception:", "    pass"])
     done = carried_out(tmp_path, finger, live, virtual={"finger_z_offset_mm": -1.0})
@@ -99,7 +101,9 @@ OTHERWISE = {
 
 
 @pytest.mark.parametrize("how", OTHERWISE)
-def test_a_run_that_pressed_otherwise_than_planned_says_so(tmp_path: Path, finger: Fingertip, how: str) -> None:
+def test_a_run_that_pressed_otherwise_than_planned_carries_a_warning(
+    tmp_path: Path, finger: Fingertip, how: str
+) -> None:
     """As a script that draws without a seed: its answer, its page and every reader of the run have the warning."""
     live, words = OTHERWISE[how]
     run = carried_out(tmp_path, finger, live).run
@@ -112,9 +116,7 @@ def test_a_run_that_pressed_otherwise_than_planned_says_so(tmp_path: Path, finge
     assert "seed what is random" in warning
 
 
-def test_the_command_its_answer_and_its_page_say_that_a_script_pressed_otherwise(
-    program: Program, tmp_path: Path
-) -> None:
+def test_dry_run_reports_presses_that_differ_from_the_plan_in_json_and_page(program: Program, tmp_path: Path) -> None:
     path = tmp_path / "sly.py"
     path.write_text(
         "import sys; passes = vars(sys).setdefault(__file__, [])\n"
@@ -172,7 +174,7 @@ class Pausing(NoAttendant):
 @pytest.mark.quick(rows=lambda what, how: what == "stopped at once" or how == "swallows and goes on")
 @pytest.mark.parametrize("how", SWALLOWING)
 @pytest.mark.parametrize("what", ["stopped at once", "ended in a pause", "the stage failed"])
-def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
+def test_a_script_that_swallows_the_end_of_its_run_moves_nothing_more(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, what: str, how: str
 ) -> None:
     """Nothing moves after it, and it is what the run tells."""
@@ -220,7 +222,7 @@ ELSEWHERE = {
 
 
 @pytest.mark.parametrize("where", ELSEWHERE)
-def test_a_verb_out_of_turn_moves_nothing(
+def test_a_verb_called_outside_the_running_script_moves_nothing(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     told: list[Any] = []
@@ -238,7 +240,7 @@ def test_a_verb_out_of_turn_moves_nothing(
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork (POSIX)")
 @pytest.mark.parametrize(("ends", "code"), [("sys.exit(3)", 1), ("pass", 0), (PRESS, 1)])
-def test_a_process_that_the_script_forks_ends_without_a_trace(
+def test_a_process_forked_by_a_script_leaves_the_run_unchanged(
     tmp_path: Path, finger: Fingertip, ends: str, code: int
 ) -> None:
     ended = f"assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == {code}"

@@ -43,14 +43,14 @@ def test_a_sensor_that_fails_gives_no_reading(error: Exception, code: str) -> No
 
 
 @pytest.mark.parametrize("shown", [math.nan, math.inf, -math.inf])
-def test_what_is_not_a_number_is_no_reading(shown: float) -> None:
+def test_a_force_of_nan_or_infinity_gives_no_reading(shown: float) -> None:
     sensor, _ = _sensing()
     sensor.shows_gwt = shown
     with raises(NoReadingError, "not_a_number", force_n=str(shown)):
         read(sensor, sensor.clock, 0.0)
 
 
-def test_what_is_older_than_the_question_is_no_reading() -> None:
+def test_a_force_older_than_its_request_gives_no_reading() -> None:
     """Waited for 0.2 s and then asked: a reading of 0.1 s ago is from before the question."""
     sensor, _ = _sensing()
     sensor.age_s = 0.1
@@ -64,7 +64,7 @@ def test_what_is_older_than_the_question_is_no_reading() -> None:
 @pytest.mark.parametrize(
     ("settle_readings", "latency_s", "settle_s"), [(1, 0.0, 0.05), (1, 0.08, 0.13), (3, 0.08, 0.23), (20, 0.0, 1.0)]
 )
-def test_after_a_move_a_reading_settles_and_the_next_one_is_a_new_sample(
+def test_the_first_reading_after_a_move_waits_for_the_sensor_to_settle(
     settle_readings: int, latency_s: float, settle_s: float
 ) -> None:
     """Sample periods of 0.05 s, as many as are asked for, and what the sensor is late by."""
@@ -82,7 +82,7 @@ def test_after_a_move_a_reading_settles_and_the_next_one_is_a_new_sample(
 
 
 @pytest.mark.parametrize(("busy_s", "answers"), [(1.0, True), (1.12, True), (1.25, False)])
-def test_a_busy_sensor_is_asked_again_for_a_second_beyond_the_wait(busy_s: float, answers: bool) -> None:
+def test_a_busy_sensor_is_queried_again_for_one_second(busy_s: float, answers: bool) -> None:
     """Waits of 0.13 s: until 1.13 s after the question."""
     sensor, sensing = _sensing(force={"latency_s": 0.08})
     sensing.begin_motion(away=True)
@@ -119,7 +119,7 @@ def test_each_wait_for_a_force_at_rest_is_announced_with_its_length(shows_gwt: f
 # --- zero and noise ---
 
 
-def test_forces_count_from_the_mean_of_the_readings_in_the_air() -> None:
+def test_forces_count_from_the_mean_of_the_zero_readings() -> None:
     sensor, sensing = _sensing()
     sensor.shows_gwt = 7.0
     assert not sensing.zeroed
@@ -144,7 +144,7 @@ def test_forces_count_from_the_mean_of_the_readings_in_the_air() -> None:
         (0.5, 0.6, 0.6),
     ],
 )
-def test_contact_is_six_standard_deviations_or_a_step_or_what_is_configured(
+def test_the_touch_threshold_is_the_largest_of_6_sd_one_step_and_the_configured_force(
     noise_gwt: float | None, least_gwt: float, touch_gwt: float
 ) -> None:
     """A step is 0.01 gwt, configured are 0.05. Noise counts up to ten steps: a finger may have moved."""
@@ -177,7 +177,7 @@ def test_without_a_zero_a_force_counts_from_the_reading_before_the_motion() -> N
     assert sensing.moved
 
 
-def test_with_a_zero_nothing_is_read_before_the_motion() -> None:
+def test_with_a_zero_no_reading_precedes_a_motion() -> None:
     sensor, sensing = _sensing()
     sensor.shows_gwt = 3.0
     sensing.begin_motion(away=False)
@@ -195,7 +195,7 @@ def test_with_a_zero_nothing_is_read_before_the_motion() -> None:
         (-8.0, 0.0, True), (-8.0, -8.04, True), (-8.0, -8.06, False), (-8.0, 0.04, True), (-8.0, 0.06, False),
     ],
 )  # fmt: skip
-def test_away_from_a_finger_a_force_may_fall_and_not_grow_either_way(
+def test_a_motion_away_from_the_finger_ends_if_the_force_grows_in_either_sign(
     before_gwt: float, force_gwt: float, goes_on: bool
 ) -> None:
     """A touch is 0.05 gwt. Towards it nothing unloads; where the stage shakes by 0.1 gwt, so much more may be."""
@@ -212,7 +212,7 @@ BROKEN = [ForceBroken("the cell is broken"), ForceTimeout("no answer"), Transpor
 
 
 @pytest.mark.parametrize("error", BEYOND, ids=lambda e: type(e).__name__)
-def test_a_sensor_beyond_its_range_is_left_unfelt_and_by_a_lift_only(error: Exception) -> None:
+def test_with_a_sensor_beyond_its_range_only_a_lift_may_move(error: Exception) -> None:
     sensor, sensing = _sensing()
     sensor.at_read = raising(error)
     with raises(NoReadingError, "no_reading", error=str(error)):
@@ -222,7 +222,7 @@ def test_a_sensor_beyond_its_range_is_left_unfelt_and_by_a_lift_only(error: Exce
 
 @pytest.mark.parametrize("away", [False, True])
 @pytest.mark.parametrize("error", BROKEN, ids=lambda e: type(e).__name__)
-def test_from_a_broken_sensor_nothing_moves(error: Exception, away: bool) -> None:
+def test_with_a_broken_sensor_no_motion_begins(error: Exception, away: bool) -> None:
     sensor, sensing = _sensing()
     sensor.at_read = raising(error)
     with raises(NoReadingError, "no_reading", error=str(error)):

@@ -75,7 +75,7 @@ def study(folder: Path, shape: str, place: str = "") -> Path:
 
 
 @pytest.mark.parametrize("shape", MEANINGLESS)
-def test_options_that_mean_nothing_are_refused_wherever_a_shape_is_given(
+def test_meaningless_shape_options_are_refused_wherever_a_shape_is_given(
     finger: Fingertip, tmp_path: Path, shape: str
 ) -> None:
     config = Config.model_validate({"virtual": {"indentor": shape}})
@@ -95,7 +95,7 @@ def test_options_that_mean_nothing_are_refused_wherever_a_shape_is_given(
 
 
 @pytest.mark.parametrize(("shape", "x_mm", "z_mm"), MISPLACED)
-def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
+def test_a_place_that_a_shape_cannot_have_is_refused_everywhere(
     finger: Fingertip, tmp_path: Path, shape: str, x_mm: float, z_mm: float | None
 ) -> None:
     for given in (
@@ -119,7 +119,7 @@ def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
 
 
 @pytest.mark.parametrize(("shape", "x_mm"), [("line", 0.4), ("bar:3,across", -0.7), ("flat", 1.0)])
-def test_a_carriage_that_is_elsewhere_presses_such_a_shape_all_the_same(
+def test_a_virtual_rig_presses_an_x_independent_shape_alike_at_every_x(
     finger: Fingertip, shape: str, x_mm: float
 ) -> None:
     """A virtual rig's true x is never quite what was asked for."""
@@ -147,12 +147,12 @@ def test_a_carriage_that_is_elsewhere_presses_such_a_shape_all_the_same(
         ("profile:nowhere.csv,linear,across", "profile:nowhere.csv,linear,across"),
     ],
 )
-def test_names_are_canonical(text: str, name: str) -> None:
+def test_shape_names_are_canonical(text: str, name: str) -> None:
     assert shape_name(text) == name
 
 
 @pytest.mark.parametrize(("names", "shape", "size"), ROUND)
-def test_round_shapes_have_a_radius_or_a_diameter(
+def test_round_shapes_are_named_by_radius_or_diameter(
     names: tuple[str, ...], shape: str, size: tuple[float, float]
 ) -> None:
     """Nobody has to know which of the two a bare number is."""
@@ -168,7 +168,7 @@ def test_round_shapes_have_a_radius_or_a_diameter(
 
 
 @pytest.mark.parametrize("shape", NO_SIZE)
-def test_no_other_name_has_one(shape: str) -> None:
+def test_a_radius_or_diameter_that_a_shape_cannot_have_is_refused(shape: str) -> None:
     with pytest.raises(ShapeError) as caught:
         parse_shape(shape)
     assert caught.value.code in ("no_dimension", "dimension_out_of_range")

@@ -54,7 +54,7 @@ def _cut(run: Path) -> None:
 
 @pytest.mark.quick(rows=lambda what: what == "edited")
 @pytest.mark.parametrize("what", ["edited", "gone"])
-def test_what_becomes_of_the_original_changes_nothing(
+def test_a_resumed_run_presses_its_copy_of_an_edited_or_deleted_shape_file(
     rig: Rig, made_once: MadeOnce, finger: Fingertip, tmp_path: Path, what: str
 ) -> None:
     """One indentation before, one after: the same indentor in both, in their forces and in what the model says."""
@@ -75,7 +75,7 @@ def test_what_becomes_of_the_original_changes_nothing(
     assert f"  {COPY}\n" in sums
 
 
-def test_a_copy_that_was_changed_is_refused(rig: Rig, made_once: MadeOnce) -> None:
+def test_resuming_with_a_changed_shape_copy_is_refused(rig: Rig, made_once: MadeOnce) -> None:
     run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
     _cut(run)
     (run / COPY).write_text(SHARP, encoding="utf-8")
@@ -95,7 +95,7 @@ def _state(run: Path) -> dict[str, tuple[int, bytes]]:
     "missing",
     [(), ("data.h5", "sample.csv"), ("hold_end.csv", "report.html")],
 )
-def test_resume_of_a_complete_run_makes_what_is_missing_and_rewrites_nothing(
+def test_resuming_a_complete_run_makes_missing_files_and_rewrites_no_other(
     rig: Rig, made_once: MadeOnce, tmp_path: Path, missing: tuple[str, ...]
 ) -> None:
     run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
@@ -114,7 +114,7 @@ def test_resume_of_a_complete_run_makes_what_is_missing_and_rewrites_nothing(
     assert set(listed) == set(after) - {"SHA256SUMS"}
 
 
-def test_an_edited_report_is_not_vouched_for(rig: Rig, made_once: MadeOnce) -> None:
+def test_an_edited_report_keeps_its_old_checksum(rig: Rig, made_once: MadeOnce) -> None:
     """Its line among the checksums stays what it was."""
     run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
     shutil.copy(run / "SHA256SUMS", run.parent / "sums")

@@ -113,7 +113,7 @@ def at(
 
 @pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize("place", PLACES)
-def test_a_place_says_it(place: str, at: At) -> None:
+def test_every_output_of_force_or_sed_states_the_small_strain_error(place: str, at: At) -> None:
     assert SAID.search(PLACES[place](at))
 
 
@@ -124,7 +124,7 @@ LAYERED = "[finger.tissue]\ne_dermis = 1.0\ne_fat = 1.0\n"
 
 @pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize("place", ["rig indent", "rig check", "a comparison's report"])
-def test_a_place_says_that_another_finger_was_not_measured(place: str, at: At) -> None:
+def test_every_output_says_that_another_finger_was_not_compared(place: str, at: At) -> None:
     (at.folder / "coarse.toml").write_text(COARSE + LAYERED, encoding="utf-8")
     said = PLACES[place](at._replace(study="[finger.tissue]\ne_dermis = [1.0]\n" + STUDY))
     assert NOT_MEASURED in said
@@ -140,7 +140,9 @@ def test_a_place_says_that_another_finger_was_not_measured(place: str, at: At) -
         (FingertipConfig(geometry=Geometry(length_mm=13.0)), False),
     ],
 )
-def test_the_fingers_that_were_compared(finger: FingertipConfig, compared: bool) -> None:
+def test_small_strain_error_is_known_for_the_default_finger_at_any_stiffness_only(
+    finger: FingertipConfig, compared: bool
+) -> None:
     assert is_default_finger(finger) is compared
 
 
@@ -153,7 +155,7 @@ def curves(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("curves")
-def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_known() -> None:
+def test_small_strain_error_is_interpolated_between_depths_and_unknown_beyond() -> None:
     assert small_strain("finger", 0.25).force == pytest.approx((0.01, 0.05))
     assert small_strain("finger", 0.75).force == pytest.approx((-0.04, 0.05))
     assert small_strain("interpolated finger", 0.5).sed == pytest.approx((-0.2, 0.1))
@@ -167,7 +169,7 @@ def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_
 STIFFENS = "finite strain, stiffening 0.4: force within "
 
 
-def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(at: At) -> None:
+def test_a_comparison_on_a_stiffening_finger_states_the_error_of_its_correction(at: At) -> None:
     config = load_config(at.folder / "coarse.toml").finger
     stiff = Fingertip.load(config.model_copy(update={"tissue": Tissue(stiffening=0.4)}))
     stiffened = stimuli(read_run(at.run()), stiff)

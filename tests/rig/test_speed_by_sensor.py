@@ -73,7 +73,7 @@ def test_a_press_that_could_pass_the_trip_unseen_is_refused(finger: Fingertip, t
         refuse_unseen(planned(1.05 * limit_mm_s), config)
 
 
-def test_an_increment_is_the_longest_move_without_a_reading() -> None:
+def test_the_force_rise_between_readings_is_that_of_one_increment_at_most() -> None:
     age = SampleAge.of(Config.model_validate({"force": HX711}))
     assert age.rise_gwt(0.1, 10.0) == pytest.approx(10.0 * 0.1 * 0.25)
     assert age.rise_gwt(5.0, 10.0) == pytest.approx(10.0 * 0.05)

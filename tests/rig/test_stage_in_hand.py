@@ -111,7 +111,7 @@ def _sent(lines: str) -> list[str]:
 
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("kind", [*KINDS, "dry-run"])
-def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
+def test_a_stop_in_every_phase_of_a_run_is_the_next_byte_on_the_wire(
     of_kind: Callable[[str], Ports], kind: str, phase: str
 ) -> None:
     """Nothing is opened for it, and what was under way goes out no more."""
@@ -169,7 +169,7 @@ def test_the_port_of_a_stopped_stage_is_released_at_once(ports: Ports, used: boo
     assert len(ports.opened) == 2
 
 
-def test_what_was_never_opened_is_opened_for_a_stop_and_for_a_run(ports: Ports) -> None:
+def test_a_port_not_yet_open_is_opened_for_a_stop_or_a_run(ports: Ports) -> None:
     """A run of which only the report is missing needs no stage."""
     hand = ports.held()
     hand.stop()
@@ -182,7 +182,7 @@ def test_what_was_never_opened_is_opened_for_a_stop_and_for_a_run(ports: Ports) 
 # --- ports that drop ---
 
 
-def test_a_port_that_dropped_while_the_run_was_planned_is_opened_anew_for_it(ports: Ports) -> None:
+def test_a_port_lost_during_planning_is_opened_again_for_the_run(ports: Ports) -> None:
     hand, log = ports.held().open(), io.StringIO()
     ports.opened[0].dropped = True
     stage = _ready(hand.lend(log))
@@ -193,7 +193,7 @@ def test_a_port_that_dropped_while_the_run_was_planned_is_opened_anew_for_it(por
 
 
 @pytest.mark.parametrize("way", ["dropped", "refuses"])
-def test_a_stop_through_a_port_that_dropped_goes_out_through_a_new_one(ports: Ports, way: str) -> None:
+def test_a_stop_on_a_lost_port_is_sent_through_a_new_one(ports: Ports, way: str) -> None:
     """A wire that was cut takes a byte all the same: it is told at once, and looked at then."""
     hand = ports.held().open()
     setattr(ports.opened[0], way, True)
@@ -201,14 +201,14 @@ def test_a_stop_through_a_port_that_dropped_goes_out_through_a_new_one(ports: Po
     assert ports.done == ["opened", *(["2118"] if way == "dropped" else []), "closed", "opened", "2118"]
 
 
-def test_a_stop_goes_out_through_a_port_that_never_stops_sending(ports: Ports) -> None:
+def test_a_stop_is_sent_through_a_port_that_never_stops_receiving(ports: Ports) -> None:
     hand = ports.held().open()
     ports.opened[0].chatter = b"x"
     hand.stop()
     assert ports.done == ["opened", "2118"]
 
 
-def test_one_that_dropped_while_the_report_was_made_is_opened_anew_for_a_stop_and_once(ports: Ports) -> None:
+def test_a_port_lost_during_the_report_is_opened_again_once_for_a_stop(ports: Ports) -> None:
     hand = ports.held().open()
     ports.opened[0].dropped = True
     _ready(hand.lend(io.StringIO()))
@@ -221,7 +221,7 @@ def test_one_that_dropped_while_the_report_was_made_is_opened_anew_for_a_stop_an
     assert ports.done[-4:] == ["2118", "closed", "opened", "2118"]
 
 
-def test_while_it_is_lent_nobody_else_listens(ports: Ports) -> None:
+def test_a_stop_reads_nothing_from_a_port_in_use_by_its_own_run(ports: Ports) -> None:
     hand = ports.held().open()
     _ready(hand.lend(io.StringIO()))
     ports.opened[0].dropped = True
@@ -230,7 +230,7 @@ def test_while_it_is_lent_nobody_else_listens(ports: Ports) -> None:
     assert (ports.reads, len(ports.opened)) == ([], 1)
 
 
-def test_a_port_that_somebody_has_for_a_moment_is_waited_for(ports: Ports) -> None:
+def test_a_stop_waits_for_a_port_that_is_briefly_in_use(ports: Ports) -> None:
     hand, ports.refused = ports.held(), 2
     began_s = ports.clock.monotonic_s()
     hand.stop()
@@ -238,7 +238,7 @@ def test_a_port_that_somebody_has_for_a_moment_is_waited_for(ports: Ports) -> No
     assert ports.clock.monotonic_s() - began_s == pytest.approx(0.01)
 
 
-def test_a_port_that_cannot_be_opened_for_a_stop_is_an_error(ports: Ports) -> None:
+def test_a_stop_whose_port_stays_in_use_is_an_error_after_three_seconds(ports: Ports) -> None:
     hand, ports.refused = ports.held(), 10_000
     began_s = ports.clock.monotonic_s()
     with raises(TransportError, "in_use"):
@@ -249,7 +249,7 @@ def test_a_port_that_cannot_be_opened_for_a_stop_is_an_error(ports: Ports) -> No
         hand.open()
 
 
-def test_a_stop_that_comes_while_a_port_is_opened_lets_nothing_else_out(ports: Ports) -> None:
+def test_a_stop_while_the_port_opens_is_the_only_byte_sent(ports: Ports) -> None:
     hand = ports.held()
     thread = threading.Thread(target=hand.stop)
     with hand._changing:
@@ -264,7 +264,7 @@ def test_a_stop_that_comes_while_a_port_is_opened_lets_nothing_else_out(ports: P
     assert hand.gate.closed
 
 
-def test_a_stop_goes_out_beside_somebody_who_has_taken_the_port_since(ports: Ports) -> None:
+def test_a_stop_is_sent_through_a_port_that_another_process_took(ports: Ports) -> None:
     """And nothing else does: the port is given back at once."""
     hand = ports.held().open()
     hand.close()
@@ -278,7 +278,7 @@ def test_a_stop_goes_out_beside_somebody_who_has_taken_the_port_since(ports: Por
         hand.lend(io.StringIO())
 
 
-def test_a_gateway_for_one_is_asked_again_until_whoever_has_it_lets_go(ports: Ports) -> None:
+def test_a_stop_retries_a_gateway_that_accepts_one_connection(ports: Ports) -> None:
     hand, ports.owner, ports.refused = ports.held(), PortOwner(4711), 3
     hand.stop()
     assert ports.done == ["opened", "2118", "closed"]

@@ -92,7 +92,7 @@ def _in(state: State, spring: Make) -> Any:
 
 @pytest.mark.parametrize("verb", VERBS)
 @pytest.mark.parametrize("state", State, ids=lambda state: state.value)
-def test_every_verb_in_every_state(spring: Make, state: State, verb: str) -> None:
+def test_every_verb_is_allowed_or_refused_as_the_state_table_says(spring: Make, state: State, verb: str) -> None:
     bench = _in(state, spring)
     leads_to, sent = MACHINE[state][verb], len(bench.sent("stage"))
     if leads_to is None:
@@ -111,7 +111,7 @@ def test_every_verb_in_every_state(spring: Make, state: State, verb: str) -> Non
     assert bench.engine.state is leads_to
 
 
-def test_the_way_into_contact_and_out_again(spring: Make) -> None:
+def test_an_indentation_is_in_contact_from_its_first_move_below_clearance_to_its_lift(spring: Make) -> None:
     """An indentation is in contact from its first move below clearance to its lift."""
     bench = spring()
     engine, seen = bench.ready(), []
@@ -141,7 +141,7 @@ def test_a_stage_that_fails_is_unhomed(spring: Make, state: State) -> None:
         verbs.move_to(bench.engine, 0.0)
 
 
-def test_nothing_but_a_new_engine_leaves_tripped(spring: Make) -> None:
+def test_no_verb_leaves_the_tripped_state(spring: Make) -> None:
     """Whatever is tried, in whatever order, twice over."""
     bench = _in(State.TRIPPED, spring)
     for verb in [*VERBS, *reversed(VERBS)]:

@@ -98,7 +98,9 @@ def whole(carried_out: tuple[Plan, int, FinishedRun, int]) -> Run:
 # --- what is solved, and when ---
 
 
-def test_the_plan_solves_each_press_once_and_the_run_none(carried_out: tuple[Plan, int, FinishedRun, int]) -> None:
+def test_the_plan_solves_each_press_once_and_the_run_solves_none(
+    carried_out: tuple[Plan, int, FinishedRun, int],
+) -> None:
     plan, after_plan, done, after_run = carried_out
     assert done.complete, done.problem
     assert (len(plan.indentations), len(plan.all_presses)) == (9, 9 + 4 + 4)
@@ -166,7 +168,7 @@ def test_a_resumed_run_plans_only_what_is_missing(
     ]
 
 
-def test_a_run_whose_journal_has_no_soft_trip_is_planned_whole(
+def test_a_run_whose_journal_has_no_soft_trip_is_planned_completely(
     finger: Fingertip, whole: Run, cut: Callable[..., Path]
 ) -> None:
     events = cut(6) / "events.jsonl"
@@ -182,7 +184,7 @@ def test_a_run_whose_journal_has_no_soft_trip_is_planned_whole(
 # --- marks ---
 
 
-def test_indentations_by_a_schedule_are_marked(whole: Run) -> None:
+def test_indentations_of_a_schedule_are_marked_with_block_repeat_and_condition(whole: Run) -> None:
     starts = whole.stream("indentation_start")
     assert {"block", "repeat", "condition"}.isdisjoint(starts[0])
     assert [(e["block"], e["repeat"], e["condition"], e["x_mm"]) for e in starts[1:]] == [
@@ -194,7 +196,7 @@ def test_indentations_by_a_schedule_are_marked(whole: Run) -> None:
         ]
 
 
-def test_marks_end_with_the_loop_that_made_them() -> None:
+def test_schedule_marks_end_with_their_loop() -> None:
     """Also with one that is left by `break`."""
     from rig.protocol import Schedule
 

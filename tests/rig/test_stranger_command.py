@@ -33,7 +33,9 @@ def _file(folder: Path, off_sds: float) -> Path:
 
 
 @pytest.mark.parametrize(("off_sds", "inside"), [(0.0, True), (1.6, True), (-1.7, False)])
-def test_the_truth_is_told_beside_its_band(program: Program, tmp_path: Path, off_sds: float, inside: bool) -> None:
+def test_serve_reveal_prints_the_truth_beside_the_identified_band(
+    program: Program, tmp_path: Path, off_sds: float, inside: bool
+) -> None:
     found = program("serve", "--reveal", 3, "--beside", _file(tmp_path, off_sds), "--json").json["parameters"]
     assert [one["name"] for one in found] == [named(name) for name in NAMES]
     assert {one["inside"] for one in found} == {inside}

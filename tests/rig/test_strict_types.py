@@ -93,11 +93,11 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_its_key(name: str) ->
     assert not accepted
 
 
-def test_the_walk_reaches_every_file() -> None:
+def test_the_strict_type_tests_cover_every_settings_file() -> None:
     assert {"Config", "LaumasSettings", "DriveSettings", "Geometry", "Posterior", "Draw", "_Parts"} <= set(MODELS)
     assert sum(len(model.model_fields) for model in MODELS.values()) > 200
 
 
-def test_a_whole_number_and_a_negative_zero_are_numbers() -> None:
+def test_a_numeric_key_accepts_a_whole_number_and_a_negative_zero() -> None:
     found = Geometry.model_validate({"length_mm": 13, "proximal_lean_mm": -0.0})
     assert (type(found.length_mm), found.length_mm, found.proximal_lean_mm) == (float, 13.0, 0.0)

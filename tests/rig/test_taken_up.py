@@ -91,7 +91,7 @@ class Again:
 INDENT = Indent(doi_mm=0.2, increments=2)
 
 
-def test_an_indentation_that_is_done_answers_what_it_found() -> None:
+def test_a_resumed_script_receives_the_journaled_holds_of_a_finished_indentation() -> None:
     again = Again(Told((0, 1)))
     holds = tuple(
         Hold(Target("doi_mm", 0.1 * k), doi_mm=0.1 * k, force_gwt=k + 1.0, force_sd_gwt=0.01) for k in (1, 2)
@@ -136,7 +136,7 @@ OWED: dict[str, tuple[Told, list[Any], list[Step[Any, Any]]]] = {
 
 
 @pytest.mark.parametrize("what", OWED)
-def test_what_is_missing_is_done_with_what_it_is_owed(what: str) -> None:
+def test_a_resumed_run_repeats_the_preparations_of_each_missing_press(what: str) -> None:
     told, steps, done = OWED[what]
     again = Again(told)
     for step in steps:
@@ -147,11 +147,11 @@ def test_what_is_missing_is_done_with_what_it_is_owed(what: str) -> None:
     assert again.done == done
 
 
-def test_a_touch_that_is_done_answers_its_height() -> None:
+def test_a_resumed_script_receives_the_journaled_height_of_a_finished_touch() -> None:
     assert Again(Told((), {"find": [{"index": 0, "contact_height_mm": -0.25}]})).press(Touch(), 0) == -0.25
 
 
-def test_a_verb_that_keeps_no_answers_is_done_again() -> None:
+def test_a_resumed_run_repeats_a_verb_that_journals_no_answer() -> None:
     class Ask(Touch):
         """Answers, and leaves nothing in the journal."""
 
@@ -189,7 +189,7 @@ def stopped(tmp_path: Path) -> Callable[..., Path]:
     return make
 
 
-def test_a_run_brings_the_modules_and_files_of_its_script(tmp_path: Path) -> None:
+def test_a_resumed_run_uses_its_copies_of_modules_and_files(tmp_path: Path) -> None:
     """A copy that has changed is refused as that of the script is."""
     beside = {"places.py": b"TIMES = 3", "trials.csv": b"x_mm,1"}
     path = tmp_path / "mine.py"
@@ -212,7 +212,7 @@ def test_a_run_brings_the_modules_and_files_of_its_script(tmp_path: Path) -> Non
     ("status", "planned", "complete"),
     [("done", 0, True), ("done", 1, False), ("aborted", 0, False), (None, 0, False)],
 )
-def test_a_run_is_complete_when_it_ended_by_itself_with_all_done(
+def test_a_run_is_complete_only_if_done_with_all_planned_presses(
     stopped: Callable[..., Path], status: str | None, planned: int, complete: bool
 ) -> None:
     found = read_stopped(stopped(status, planned))
@@ -222,7 +222,7 @@ def test_a_run_is_complete_when_it_ended_by_itself_with_all_done(
     assert [event["text"] for event in found.run.stream("note")] == ["one", "two"]
 
 
-def test_a_run_of_which_nothing_is_journalled_is_not_complete(stopped: Callable[..., Path]) -> None:
+def test_a_run_with_an_empty_journal_is_not_complete(stopped: Callable[..., Path]) -> None:
     path = stopped()
     RunFolder(path).events.write_bytes(b'{"doc": "sta')
     found = read_stopped(path)
@@ -231,7 +231,7 @@ def test_a_run_of_which_nothing_is_journalled_is_not_complete(stopped: Callable[
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "protocol.py", "config.toml", "SHA256SUMS"])
-def test_a_file_that_is_missing_is_named(stopped: Callable[..., Path], name: str) -> None:
+def test_resuming_names_the_missing_file_of_a_run(stopped: Callable[..., Path], name: str) -> None:
     path = stopped()
     (path / name).unlink()
     problem = os.strerror(errno.ENOENT)
@@ -239,7 +239,7 @@ def test_a_file_that_is_missing_is_named(stopped: Callable[..., Path], name: str
         read_stopped(path)
 
 
-def test_all_copies_that_were_changed_are_named(stopped: Callable[..., Path]) -> None:
+def test_resuming_names_all_changed_copies_of_a_run(stopped: Callable[..., Path]) -> None:
     path = stopped()
     for name in ("config.toml", "protocol.py"):
         (path / name).write_text("# another\n", encoding="utf-8")
@@ -247,7 +247,7 @@ def test_all_copies_that_were_changed_are_named(stopped: Callable[..., Path]) ->
         read_stopped(path)
 
 
-def test_a_journal_that_does_not_begin_is_bad_input(stopped: Callable[..., Path]) -> None:
+def test_resuming_a_journal_without_a_start_document_is_refused(stopped: Callable[..., Path]) -> None:
     path = stopped()
     lines = RunFolder(path).events.read_bytes().splitlines(keepends=True)
     RunFolder(path).events.write_bytes(b"".join(lines[1:]))
@@ -264,7 +264,7 @@ def _run(compared: list[int], forces: dict[tuple[int, int], float]) -> Run:
     return Run(RunFolder(Path()), {}, None, {}, events, {}, duration_s=0.0, end_s=0.0)
 
 
-def test_the_first_reference_is_the_first_that_was_compared() -> None:
+def test_the_first_reference_press_is_the_first_complete_one() -> None:
     """In the order of its holds; one that was interrupted between its holds was not compared."""
     forces = {(0, 1): 9.0, (2, 2): 2.0, (2, 1): 1.0, (3, 1): 3.0, (3, 2): 4.0}
     assert first_reference_gwt(_run([3, 2], forces)) == [1.0, 2.0]

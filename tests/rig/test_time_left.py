@@ -34,7 +34,7 @@ def _is(left: TimeLeft, elapsed_s: float, left_s: float) -> None:
     assert (left.elapsed_s, left.left_s) == (pytest.approx(elapsed_s), pytest.approx(left_s))
 
 
-def test_all_is_left_in_the_first_second_and_an_indentor_may_take_its_time() -> None:
+def test_the_time_left_does_not_run_before_the_indentor_is_mounted() -> None:
     clock = Told()
     left = _left(clock)
     _is(left, 0.0, 70.0)
@@ -44,7 +44,7 @@ def test_all_is_left_in_the_first_second_and_an_indentor_may_take_its_time() -> 
     _is(left, 0.0, 70.0)
 
 
-def test_between_milestones_it_counts_down_to_the_next_one_and_waits_there() -> None:
+def test_the_time_left_counts_down_to_the_next_milestone_and_waits_there() -> None:
     clock = Told()
     left = _left(clock)
     left.event("mount", {})
@@ -62,7 +62,7 @@ def test_between_milestones_it_counts_down_to_the_next_one_and_waits_there() -> 
     _is(left, 18.0, 50.0)
 
 
-def test_a_pause_is_neither_gone_nor_left_and_an_indentation_begun_anew_is_left_again() -> None:
+def test_the_time_left_excludes_pauses_and_counts_a_repeated_indentation_again() -> None:
     clock = Told()
     left = _left(clock)
     for stream, data, gone_s in (
@@ -86,7 +86,7 @@ def test_a_pause_is_neither_gone_nor_left_and_an_indentation_begun_anew_is_left_
     _is(left, 26.0, 50.0)
 
 
-def test_the_second_indentor_is_waited_for_too() -> None:
+def test_the_time_left_does_not_run_while_the_next_indentor_is_mounted() -> None:
     clock = Told()
     left = _left(clock)
     for stream, data in (("mount", {}), ("home", {}), START, HELD, END):
@@ -100,7 +100,7 @@ def test_the_second_indentor_is_waited_for_too() -> None:
     _is(left, 0.0, 30.0)  # what led to it was the person's: no more is known of it
 
 
-def test_after_the_last_milestone_there_is_an_end() -> None:
+def test_the_time_left_after_the_last_milestone_falls_to_zero() -> None:
     clock = Told()
     left = _left(clock)
     left.event("rest", {})
@@ -110,7 +110,7 @@ def test_after_the_last_milestone_there_is_an_end() -> None:
     assert TimeLeft({}, 5.0, clock.now, pace=1.0).left_s == 5.0
 
 
-def test_a_bench_that_runs_faster_than_the_clock() -> None:
+def test_the_time_left_of_a_bench_at_four_times_speed_is_a_quarter() -> None:
     """--speed 4: a quarter of a second for each of the bench's."""
     clock = Told()
     left = _left(clock, pace=0.25)
@@ -122,7 +122,7 @@ def test_a_bench_that_runs_faster_than_the_clock() -> None:
     _is(left, 2.5, 12.5)
 
 
-def test_as_fast_as_it_can_it_goes_by_what_it_has_taken_so_far() -> None:
+def test_the_time_left_of_an_unpaced_bench_follows_its_measured_pace() -> None:
     clock = Told()
     left = _left(clock, pace=0.01, measured=True)
     _is(left, 0.0, 0.7)

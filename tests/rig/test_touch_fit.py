@@ -24,7 +24,7 @@ def _readings(contact_mm: float, k_gwt: float, start_mm: float, division_gwt: fl
 
 
 @pytest.mark.parametrize(("k_gwt", "contact_mm"), [(6.0, -0.3), (2.0, 0.0), (9.0, 0.1234), (3.0, -1.987)])
-def test_exact_on_the_law_it_assumes(k_gwt: float, contact_mm: float) -> None:
+def test_contact_fitted_to_readings_of_the_force_law_is_exact(k_gwt: float, contact_mm: float) -> None:
     readings = _readings(contact_mm, k_gwt, contact_mm + 0.1, 0.0)
     touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
     assert touch.contact_height_mm == pytest.approx(contact_mm, abs=1e-9)
@@ -40,7 +40,7 @@ def test_exact_on_the_law_it_assumes(k_gwt: float, contact_mm: float) -> None:
     above_mm=st.floats(0.03, 0.2),
 )
 @settings(max_examples=30, deadline=None)
-def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_shown(
+def test_the_fitted_contact_errs_by_at_most_the_hidden_depth_and_one_increment(
     contact_mm: float, k_gwt: float, above_mm: float
 ) -> None:
     readings = _readings(contact_mm, k_gwt, contact_mm + above_mm, 0.01)
@@ -51,7 +51,7 @@ def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_show
 
 
 @pytest.mark.parametrize("above_mm", [0.05, 0.1, 0.2])
-def test_one_reading_that_noise_has_lifted_is_outvoted(above_mm: float) -> None:
+def test_one_noisy_reading_moves_the_fitted_contact_by_less_than_an_increment(above_mm: float) -> None:
     """4 hundredths of a gram, far above contact: it moves what is found by less than an increment."""
     readings = _readings(-0.3, 6.0, 0.0, 0.01)
     n = next(n for n, (height, _) in enumerate(readings) if height < -0.3 + above_mm)
@@ -66,7 +66,7 @@ def test_one_reading_that_noise_has_lifted_is_outvoted(above_mm: float) -> None:
         [(1.0, 0.0), (0.99, 0.0), (0.98, 0.3)],
     ],
 )
-def test_with_a_single_reading_contact_is_where_it_was_read(readings: list[tuple[float, float]]) -> None:
+def test_contact_fitted_to_a_single_reading_is_its_height(readings: list[tuple[float, float]]) -> None:
     touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
     assert touch.contact_height_mm == readings[-1][0]
     assert touch.doi_bias_mm == 0.0
@@ -76,7 +76,7 @@ def test_with_a_single_reading_contact_is_where_it_was_read(readings: list[tuple
 @pytest.mark.parametrize("step_mm", [0.01, 0.05])
 @pytest.mark.parametrize("above", [1, 100])
 @pytest.mark.parametrize(("inside", "points"), [(0.3, 2), (0.9, 5)])
-def test_contact_on_the_law_is_found_however_long_the_descent(
+def test_the_fitted_contact_does_not_depend_on_the_length_of_the_descent(
     step_mm: float, above: int, inside: float, points: int
 ) -> None:
     """So many readings above contact, which lies so much of an increment above the next one."""
@@ -88,6 +88,6 @@ def test_contact_on_the_law_is_found_however_long_the_descent(
     assert touch.fit_points == points
 
 
-def test_a_descent_that_begins_in_contact_has_it_at_its_top() -> None:
+def test_contact_of_a_descent_that_begins_in_contact_is_at_its_top() -> None:
     readings = [(-0.01 * k, 6.0 * (0.02 + 0.01 * k) ** 1.5) for k in range(5)]
     assert -1e-6 < fit_contact(readings, 0.05, 0.01).contact_height_mm <= 0.0

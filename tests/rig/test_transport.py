@@ -50,7 +50,7 @@ def test_every_byte_is_logged_with_its_time(clock: VirtualClock) -> None:
     ]
 
 
-def test_the_log_never_stands_before_the_bytes(clock: VirtualClock) -> None:
+def test_bytes_are_sent_even_if_they_cannot_be_logged(clock: VirtualClock) -> None:
     class FullDisk(io.StringIO):
         def write(self, _text: str) -> int:
             raise OSError("no space left")
@@ -68,7 +68,7 @@ def test_the_log_never_stands_before_the_bytes(clock: VirtualClock) -> None:
 # --- lines ---
 
 
-def test_lines_out_of_any_pieces(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
+def test_the_line_reader_joins_lines_from_any_pieces(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
     wire = scripted([(b"", [b"o", b"k\r", b"\nerr", b"or:9\r\n\r\n<Id", b"le>\n\xff\xfe\nrest"])])
     reader = LineReader(wire, clock)
     heard = [reader.read_line(1.0) for _ in range(4)]
@@ -77,7 +77,7 @@ def test_lines_out_of_any_pieces(clock: VirtualClock, scripted) -> None:  # type
     assert clock.monotonic_s() == 1.0
 
 
-def test_a_stream_without_line_ends_is_an_error(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
+def test_reading_a_stream_without_line_ends_is_an_error(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
     reader = LineReader(scripted([(b"", b"x" * 5000)]), clock)
     with raises(TransportError, "line_too_long", port="scripted", longest=4096):
         reader.read_line(1.0)
@@ -96,7 +96,7 @@ def port() -> Iterator[tuple[int, str]]:
     os.close(near)
 
 
-def test_serial_port_both_ways(port: tuple[int, str]) -> None:
+def test_a_serial_port_sends_and_receives(port: tuple[int, str]) -> None:
     far, name = port
     wire = SerialTransport(name)
     wire.write(b"$I\n")
@@ -108,7 +108,7 @@ def test_serial_port_both_ways(port: tuple[int, str]) -> None:
 
 
 @pytest.mark.parametrize(("character", "dtr"), [("8N1", True), ("7E1", True), ("8O2", False)])
-def test_a_port_is_opened_as_it_is_set(character: str, dtr: bool) -> None:
+def test_a_serial_port_is_opened_with_its_framing_and_dtr(character: str, dtr: bool) -> None:
     """On pyserial's own loop, where DTR comes back as DSR; a pseudo-terminal has neither parity nor DTR."""
     wire = SerialTransport("loop://", 9600, character=character, dtr=dtr)
     try:
@@ -121,7 +121,7 @@ def test_a_port_is_opened_as_it_is_set(character: str, dtr: bool) -> None:
         wire.close()
 
 
-def test_one_owner_a_port(port: tuple[int, str]) -> None:
+def test_a_serial_port_has_one_owner(port: tuple[int, str]) -> None:
     _, name = port
     assert port_owner(name) is None
     wire = SerialTransport(name)
@@ -135,7 +135,7 @@ def test_one_owner_a_port(port: tuple[int, str]) -> None:
 
 
 @pytest.mark.parametrize("opens", [SerialTransport, refuse_missing])
-def test_a_missing_port_is_named(opens: Callable[[str], object]) -> None:
+def test_opening_a_missing_port_is_refused_by_name(opens: Callable[[str], object]) -> None:
     with raises(TransportError, "no_port", port="/dev/ttyNOWHERE7"):
         opens("/dev/ttyNOWHERE7")
 
@@ -150,7 +150,7 @@ def test_a_missing_port_is_named(opens: Callable[[str], object]) -> None:
     ],
     ids=repr,
 )
-def test_why_a_serial_port_cannot_be_opened(
+def test_a_serial_port_that_cannot_be_opened_is_refused_with_the_cause(
     problem: Exception, code: str, more: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of what several lines say, the first."""
@@ -164,7 +164,7 @@ def test_why_a_serial_port_cannot_be_opened(
     assert caught.value.__cause__ is problem
 
 
-def test_a_port_that_goes_away_is_an_error(port: tuple[int, str]) -> None:
+def test_reading_or_writing_a_closed_port_is_an_error(port: tuple[int, str]) -> None:
     _, name = port
     wire = SerialTransport(name)
     wire.close()
@@ -185,7 +185,7 @@ def listener() -> Iterator[tuple[socket.socket, str]]:
         yield server, f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 
-def test_tcp_both_ways_and_one_owner(listener: tuple[socket.socket, str]) -> None:
+def test_a_tcp_port_sends_and_receives_and_has_one_owner(listener: tuple[socket.socket, str]) -> None:
     server, name = listener
     wire = open_port(name, 9600, name="force")
     assert (type(wire), wire.name) == (TcpTransport, "force")
@@ -209,7 +209,7 @@ def test_tcp_both_ways_and_one_owner(listener: tuple[socket.socket, str]) -> Non
         wire.write(b"?")
 
 
-def test_nobody_listens(listener: tuple[socket.socket, str]) -> None:
+def test_a_tcp_port_without_a_listener_is_refused(listener: tuple[socket.socket, str]) -> None:
     server, name = listener
     server.close()
     with raises(TransportError, "no_listener", port=name):

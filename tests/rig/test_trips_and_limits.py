@@ -48,7 +48,9 @@ def test_a_plan_only_lowers_the_soft_trip_and_leaves_the_hard_one(plan_n: float 
     ("area_mm2", "lowest_gwt", "name"),
     [(10.0, 203.943, "soft trip"), (5.0, 152.957, "pressure limit"), (0.1, 3.05915, "pressure limit")],
 )
-def test_what_a_press_must_stay_below(area_mm2: float, lowest_gwt: float, name: str) -> None:
+def test_the_lowest_trip_of_a_press_is_the_soft_trip_or_the_pressure_limit(
+    area_mm2: float, lowest_gwt: float, name: str
+) -> None:
     """300 kPa over 10 mm² are 3 N, more than the soft trip; over 5 mm² 1.5 N, less."""
     trips = Trips(LimitSettings(), None)
     trips.press_on(area_mm2)
@@ -59,7 +61,7 @@ def test_what_a_press_must_stay_below(area_mm2: float, lowest_gwt: float, name: 
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_reading_passes_each_layer_whichever_way_it_points(sign: int) -> None:
+def test_each_trip_acts_on_push_and_pull_alike(sign: int) -> None:
     trips = Trips(LimitSettings(), None)
     _passes(trips.passed, sign, 203.9, 204.0, "soft_trip", 2.0 / GWT_N)
     trips.press_on(5.0)
@@ -79,7 +81,9 @@ def _passes(
 
 @pytest.mark.parametrize("gwt_at_1_mm", [6.0, 40.0, 400.0, 4000.0])
 @pytest.mark.parametrize("trip_gwt", [2.0, 16.0, 204.0])
-def test_a_move_sideways_is_as_fast_as_half_the_trip_allows(trip_gwt: float, gwt_at_1_mm: float) -> None:
+def test_the_speed_of_a_move_sideways_keeps_a_collision_below_half_the_trip(
+    trip_gwt: float, gwt_at_1_mm: float
+) -> None:
     """Never faster than it travels, nor slower than any stage goes."""
     limit = SidewaysLimit.of(SETTINGS, trip_gwt, 0.05, FingerStiffness(gwt_at_1_mm))
     assert SLOWEST_MM_S <= limit.speed_mm_s <= SETTINGS.habits.travel_speed_mm_s
@@ -90,7 +94,7 @@ def test_a_move_sideways_is_as_fast_as_half_the_trip_allows(trip_gwt: float, gwt
     assert limit.force_gwt == pytest.approx(gwt_at_1_mm * limit.in_contact_mm**1.5)
 
 
-def test_a_reading_of_a_move_sideways_is_late_after_two_samples_and_a_look() -> None:
+def test_a_reading_of_a_move_sideways_is_late_after_two_samples_and_one_poll() -> None:
     assert late_reading_s(SETTINGS) == pytest.approx(2 * 0.05 + 0.1)
 
 
@@ -104,7 +108,7 @@ def _contact(before_s: float | None = None, longest_s: float = 3600.0) -> tuple[
 
 
 @pytest.mark.parametrize("before_s", [None, 12.5])
-def test_contact_is_added_up_over_touches_and_over_the_parts_of_a_run(before_s: float | None) -> None:
+def test_contact_time_adds_up_over_touches_and_parts_of_a_run(before_s: float | None) -> None:
     clock, contact = _contact(before_s)
     start_s = before_s or 0.0
     clock.wait_s(7.0)  # in the air
@@ -122,7 +126,7 @@ def test_contact_is_added_up_over_touches_and_over_the_parts_of_a_run(before_s: 
     assert contact.total_s == start_s + 3.25
 
 
-def test_contact_for_too_long_is_refused() -> None:
+def test_contact_beyond_the_longest_contact_time_is_refused() -> None:
     clock, contact = _contact(longest_s=10.0)
     contact.begin()
     clock.wait_s(9.9)
@@ -151,7 +155,7 @@ def test_contact_for_too_long_is_refused() -> None:
         ("park", 9.0, 11.0),
     ],
 )
-def test_where_a_trip_lifts_to(on_trip: str, from_mm: float, to_mm: float) -> None:
+def test_a_trip_lifts_to_the_height_that_on_trip_configures(on_trip: str, from_mm: float, to_mm: float) -> None:
     assert trip_height_mm(_settings(limits={"on_trip": on_trip}), from_mm) == pytest.approx(to_mm)
 
 
@@ -172,7 +176,9 @@ def test_where_a_trip_lifts_to(on_trip: str, from_mm: float, to_mm: float) -> No
         (-3.55, -3.6, 0.5),  # to the floor: limits.fall_mm, search_mm and max_doi_mm below the apex
     ],
 )
-def test_moves_that_are_allowed(from_mm: float, to_mm: float, speed_mm_s: float) -> None:
+def test_vertical_moves_within_length_speed_and_travel_limits_are_accepted(
+    from_mm: float, to_mm: float, speed_mm_s: float
+) -> None:
     refuse_height(SETTINGS, from_mm, to_mm, speed_mm_s)
 
 
@@ -188,14 +194,14 @@ def test_moves_that_are_allowed(from_mm: float, to_mm: float, speed_mm_s: float)
         (-3.6, -3.601, 0.5, "below_floor", {"z_mm": -28.601, "floor_mm": -28.6}),
     ],
 )
-def test_moves_that_are_refused(
+def test_vertical_moves_beyond_length_speed_or_travel_limits_are_refused(
     from_mm: float, to_mm: float, speed_mm_s: float, code: str, fields: dict[str, Any]
 ) -> None:
     with raises(LimitError, code, **fields):
         refuse_height(SETTINGS, from_mm, to_mm, speed_mm_s)
 
 
-def test_the_travel_is_that_of_the_vertical_axis_in_the_frame() -> None:
+def test_vertical_moves_are_limited_by_the_travel_of_the_z_axis() -> None:
     settings = _settings(stage={"travel_mm": (1.0, 2.0, 30.0)}, frame={"apex_z_mm": -28.0})
     refuse_height(settings, 2.0, 28.0, 0.5)
     refuse_height(settings, -1.95, -2.0, 0.5)

@@ -116,7 +116,7 @@ def _stays(*, stage: str, motion: str, force_gwt: float, zeroed: bool) -> bool:
 @pytest.mark.parametrize("force_gwt", FORCES_GWT)
 @pytest.mark.parametrize("motion", AWAY)
 @pytest.mark.parametrize("stage", STAGES)
-def test_it_goes_to_the_end_of_its_way(
+def test_a_motion_away_from_the_finger_continues_while_the_force_falls(
     tmp_path: Path, stage: str, motion: str, force_gwt: float, zeroed: bool
 ) -> None:
     bench = Pressed(tmp_path, stage, "park" if motion == "park" else "retract").bench(force_gwt, zeroed=zeroed)
@@ -129,7 +129,7 @@ def test_it_goes_to_the_end_of_its_way(
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["push", "pull"])
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
+def test_a_motion_away_from_the_finger_ends_when_the_force_grows(tmp_path: Path, stage: str, sign: int) -> None:
     """Something comes along, or the skin sticks: the motion ends, and the way up stays free, as after every trip."""
     bench = Pressed(tmp_path, stage).bench(8.0, zeroed=True)
     from_s = bench.clock.monotonic_s() + 0.3
@@ -144,7 +144,7 @@ def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_run_that_finds_a_force_leaves_it_before_anything_else_and_says_so(tmp_path: Path, stage: str) -> None:
+def test_a_run_that_finds_a_force_lifts_first_and_journals_an_alarm(tmp_path: Path, stage: str) -> None:
     """Nothing is on record but a zero."""
     bench = Pressed(tmp_path, stage).bench(28.9, zeroed=True)
     zero = bench.engine.sensing.zero

@@ -49,7 +49,7 @@ WRITES: dict[str, tuple[object, ...]] = {
 }
 
 
-def test_every_option_that_names_what_is_written_is_listed() -> None:
+def test_the_tests_of_unwritable_files_cover_every_output_option() -> None:
     lines = FROZEN.read_text(encoding="utf-8").splitlines()
     options = {line.partition("  ")[0] for line in lines if "  Path" in line}
     assert {one for one in options if one.split()[-1] in NAMES} == WRITES.keys() | READ
@@ -74,7 +74,7 @@ def shut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("written", WRITES)
-def test_what_cannot_be_written_is_refused_before_the_work(
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     program: Program, shut: Path, monkeypatch: pytest.MonkeyPatch, written: str
 ) -> None:
     def load(*_: object, **__: object) -> None:
@@ -92,7 +92,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(
 
 
 @pytest.mark.parametrize("command", ["compare", "nerve"])
-def test_a_run_that_may_only_be_read(
+def test_compare_and_nerve_refuse_a_read_only_run_before_the_work(
     program: Program, shut: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
     shut.chmod(0o700)
@@ -106,7 +106,7 @@ def test_a_run_that_may_only_be_read(
 
 
 @pytest.mark.parametrize("number", [errno.EACCES, errno.ENOSPC])
-def test_what_to_do_is_about_permission_or_about_space(tmp_path: Path, number: int) -> None:
+def test_the_advice_for_an_unwritable_file_depends_on_permission_or_space(tmp_path: Path, number: int) -> None:
     """Of a run that ends early, of a file that a command writes, and of its lock."""
     full = number == errno.ENOSPC
     problem = OSError(number, os.strerror(number))
@@ -132,7 +132,7 @@ OTHER_KINDS: dict[str, tuple[str, ...]] = {
 
 
 @pytest.mark.parametrize("what", OTHER_KINDS)
-def test_a_file_of_another_kind_is_not_overwritten(
+def test_an_output_file_with_another_suffix_is_refused_and_not_overwritten(
     what: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -62,7 +62,7 @@ def test_a_zero_is_read_once_the_sensor_has_settled(spring: Make) -> None:
     assert zeroing_s - start_s >= 1.5
 
 
-def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make) -> None:
+def test_a_zero_is_recorded_for_the_next_command_at_once(spring: Make) -> None:
     """So that also after kill -9 no force counts from the zero before; without readings after it there is none."""
     bench = _homed(spring)
     engine, left = bench.engine, list[ForceZero | None]()
@@ -85,7 +85,7 @@ def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make)
 
 
 @pytest.mark.parametrize("drift_gwt", [-0.04, -0.03, 0.03, 0.04])
-def test_a_drift_beyond_the_band_alarms_either_way(spring: Make, drift_gwt: float) -> None:
+def test_a_zero_drift_beyond_the_band_alarms_in_either_direction(spring: Make, drift_gwt: float) -> None:
     """limits.zero_drift_gwt is 0.03."""
     bench = spring(settings=RigSettings.model_validate({"limits": {"on_alarm": "trip"}}))
     bench.ready()
@@ -106,7 +106,7 @@ def test_a_drift_beyond_the_band_alarms_either_way(spring: Make, drift_gwt: floa
         ({"park_height_mm": 35.0}, 2.0, [25.0, 24.7, 25.0, 2.0]),
     ],
 )
-def test_a_drift_as_large_as_a_touch_is_measured_again_in_the_air(
+def test_a_zero_drift_as_large_as_a_touch_is_measured_again_at_park_height(
     spring: Make, habits: dict[str, float], from_mm: float, heights_mm: list[float]
 ) -> None:
     """And zeroed there: the stage goes up to habits.park_height_mm, at most as high as it can, and slowly back.
@@ -126,7 +126,7 @@ def test_a_drift_as_large_as_a_touch_is_measured_again_in_the_air(
 
 
 @pytest.mark.parametrize("above_mm", [0.05, 0.5, 1.5])
-def test_a_finger_that_came_up_to_the_indentor_is_not_zeroed_away(spring: Make, above_mm: float) -> None:
+def test_the_zero_verb_never_hides_a_finger_that_came_up(spring: Make, above_mm: float) -> None:
     """A zero in that touch would hide as much of every later force. On the way back down it trips."""
     bench = spring(contact_mm=-0.3)
     engine = bench.ready()
@@ -141,7 +141,7 @@ def test_a_finger_that_came_up_to_the_indentor_is_not_zeroed_away(spring: Make, 
 # --- home ---
 
 
-def test_a_sensor_that_is_not_there_lets_nothing_home(spring: Make) -> None:
+def test_homing_is_refused_without_a_sensor(spring: Make) -> None:
     bench = spring()
     bench.balance.mute = True
     with pytest.raises(ForceError):
@@ -149,7 +149,7 @@ def test_a_sensor_that_is_not_there_lets_nothing_home(spring: Make) -> None:
     assert not any(b"$H" in data for _, data in bench.sent("stage"))
 
 
-def test_a_sensor_beyond_its_range_lets_the_rig_home_since_that_lifts_first(spring: Make) -> None:
+def test_with_a_sensor_beyond_its_range_homing_is_allowed_and_a_descent_is_not(spring: Make) -> None:
     """And nothing else: the way down is refused."""
     bench = spring()
     bench.force_n = lambda t_s: 1e6 * GWT_N
@@ -161,7 +161,7 @@ def test_a_sensor_beyond_its_range_lets_the_rig_home_since_that_lifts_first(spri
 
 
 @pytest.mark.parametrize("mounted", ["step:3", "bar:3.0"])
-def test_no_indentor_is_on_until_the_right_one_is(
+def test_mounting_another_indentor_than_requested_is_refused(
     spring: Make, monkeypatch: pytest.MonkeyPatch, mounted: str
 ) -> None:
     bench = spring()
@@ -173,7 +173,7 @@ def test_no_indentor_is_on_until_the_right_one_is(
     assert len(bench.of("mount")) == 1
 
 
-def test_homing_takes_its_time(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_board_slow_to_home_does_not_lose_the_heartbeat(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     """limits.heartbeat_s is 3: a board that takes 10 s to answer, with the finger below, is waited for."""
     bench = spring()
     engine = bench.ready()
@@ -193,7 +193,7 @@ def test_homing_takes_its_time(spring: Make, monkeypatch: pytest.MonkeyPatch) ->
 # --- move_to and the way down ---
 
 
-def test_after_homing_the_way_down_is_one_slow_move_that_a_touch_ends(spring: Make) -> None:
+def test_after_homing_the_descent_is_one_move_at_the_descent_speed(spring: Make) -> None:
     bench = _homed(spring, settings=RigSettings.model_validate({"habits": {"descent_speed_mm_s": 0.7}}))
     verbs.zero(bench.engine)
     before = len(_heights(bench))
@@ -205,9 +205,7 @@ def test_after_homing_the_way_down_is_one_slow_move_that_a_touch_ends(spring: Ma
 
 @pytest.mark.parametrize("k_gwt", [6.0, 60.0])
 @pytest.mark.parametrize("weight_gwt", [0.0, 30.0])
-def test_before_the_first_zero_a_touch_ends_the_same_slow_way_down(
-    spring: Make, k_gwt: float, weight_gwt: float
-) -> None:
+def test_before_the_first_zero_a_touch_ends_the_descent(spring: Make, k_gwt: float, weight_gwt: float) -> None:
     """The finger lies 1.5 mm above clearance; the sensor shows the weight of the indentor."""
     bench = _homed(spring, k_gwt=k_gwt, contact_mm=3.5)
     truth_n, worst_gwt = bench.force_n, 0.0
@@ -225,7 +223,7 @@ def test_before_the_first_zero_a_touch_ends_the_same_slow_way_down(
     assert bench.engine.sensing.zero is None, "readings before the descent are no zero for the next command"
 
 
-def test_nothing_goes_sideways_under_a_finger_that_came_up(spring: Make) -> None:
+def test_no_move_sideways_begins_at_a_finger_that_came_up(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     verbs.rest(engine, 3.0)
@@ -236,7 +234,7 @@ def test_nothing_goes_sideways_under_a_finger_that_came_up(spring: Make) -> None
     assert bench.true_pose()[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_shake_that_is_none_at_rest_is_passed_by_a_step(spring: Make) -> None:
+def test_a_force_in_motion_that_vanishes_at_rest_is_passed_in_descent_steps(spring: Make) -> None:
     """A cell that shows a touch whenever the stage moves, and none at rest: one habits.descent_step_mm at a time."""
     habits = {"descent_step_mm": 0.7, "clearance_mm": 2.0}
     bench = _homed(spring, settings=RigSettings.model_validate({"habits": habits}))
@@ -250,7 +248,7 @@ def test_a_shake_that_is_none_at_rest_is_passed_by_a_step(spring: Make) -> None:
     assert len(stops) > 10
 
 
-def test_a_touch_after_the_step_past_a_shake_ends_the_way_down(spring: Make) -> None:
+def test_a_touch_at_rest_after_a_descent_step_ends_the_descent(spring: Make) -> None:
     """Felt at rest where the step ends, which is farther down than the shake was felt."""
     habits = {"descent_step_mm": 0.7, "clearance_mm": 2.0}
     bench = _homed(spring, settings=RigSettings.model_validate({"habits": habits}))
@@ -265,7 +263,7 @@ def test_a_touch_after_the_step_past_a_shake_ends_the_way_down(spring: Make) -> 
 
 
 @pytest.mark.parametrize(("gwt", "below_mm"), [(0.06, 8.2), (-0.06, 8.2), (0.4, 2.2)])
-def test_a_force_in_the_air_ends_the_way_down(spring: Make, gwt: float, below_mm: float) -> None:
+def test_a_force_above_clearance_ends_the_descent(spring: Make, gwt: float, below_mm: float) -> None:
     """habits.touch_force_gwt is 0.05: where that is felt, push or pull, is no air; it goes on by 0.1 mm."""
     bench = _homed(spring)
     verbs.zero(bench.engine)
@@ -280,7 +278,7 @@ def test_a_force_in_the_air_ends_the_way_down(spring: Make, gwt: float, below_mm
 # --- rests, pauses, notes ---
 
 
-def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
+def test_a_pause_during_a_rest_takes_effect_at_once(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     start_s = bench.clock.monotonic_s()
@@ -295,7 +293,7 @@ def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
 
 
 @pytest.mark.parametrize("lost", ["stage", "force", "neither"])
-def test_a_device_that_is_lost_in_a_rest_is_noticed_at_the_next_look(spring: Make, lost: str) -> None:
+def test_a_device_lost_during_a_rest_is_detected_at_the_next_poll(spring: Make, lost: str) -> None:
     """Every second; then nothing moves if the stage is lost."""
     bench = spring()
     engine = bench.ready()
@@ -312,7 +310,7 @@ def test_a_device_that_is_lost_in_a_rest_is_noticed_at_the_next_look(spring: Mak
         assert bench.of("rest") == []
 
 
-def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make) -> None:
+def test_a_stop_input_pressed_briefly_during_a_rest_trips(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     from_s = bench.clock.monotonic_s() + 10.3
@@ -327,7 +325,7 @@ def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make)
 
 
 @pytest.mark.parametrize("wait", ["pause", "mount"])
-def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Make, wait: str) -> None:
+def test_the_stop_button_of_the_participant_acts_during_a_pause_or_a_mount(spring: Make, wait: str) -> None:
     """However short it is pressed; a force from the hand that works there neither trips nor lifts."""
     bench = spring()
     engine = bench.ready()

@@ -62,7 +62,7 @@ def model_gwt(finger: Fingertip, run: Run) -> float:
 @pytest.mark.parametrize("x_port", ["/dev/x", "tcp://gateway:503", None])
 @pytest.mark.parametrize("port", ["/dev/both", "tcp://gateway:502"])
 @pytest.mark.parametrize("framing", ["rtu", "tcp", None])
-def test_a_bench_is_rehearsed_whatever_its_ports_are_called(
+def test_a_virtual_bench_works_with_any_port_names_and_framing(
     finger: Fingertip, port: str, x_port: str | None, framing: str | None
 ) -> None:
     """Modbus is framed by the name of its port where nobody says how; virtual devices have none."""
@@ -75,7 +75,7 @@ def test_a_bench_is_rehearsed_whatever_its_ports_are_called(
     assert bench.force.read().stable is not None
 
 
-def test_a_finger_that_relaxes(finger: Fingertip, tmp_path: Path) -> None:
+def test_the_force_on_a_relaxing_virtual_finger_follows_its_prony_series(finger: Fingertip, tmp_path: Path) -> None:
     """Held at a depth for ten seconds, the force falls as the series says; the fall before the hold is counted in the
     time of the last move, which is short beside the time constant."""
     share, tau_s = 0.4, 2.0
@@ -91,7 +91,7 @@ def test_a_finger_that_relaxes(finger: Fingertip, tmp_path: Path) -> None:
     assert -1 / slope == pytest.approx(tau_s, rel=0.03)
 
 
-def test_a_noisy_cell(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_noisy_virtual_load_cell_has_the_configured_standard_deviation(finger: Fingertip, tmp_path: Path) -> None:
     run = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=20.0", cell_noise_gwt=0.02, noise_seed=3)
     _, force = holding(run).T
     # 400 readings: the standard error of their sd is sd / √800; the display's 0.01 gwt adds 0.01/√12 in quadrature.
@@ -100,7 +100,7 @@ def test_a_noisy_cell(finger: Fingertip, tmp_path: Path) -> None:
     assert force.mean() == pytest.approx(model_gwt(finger, run), abs=4 * expected / math.sqrt(400) + 0.02)
 
 
-def test_a_late_cell_shows_the_force_of_a_while_ago(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_late_load_cell_finds_the_touch_too_deep(finger: Fingertip, tmp_path: Path) -> None:
     """With a sensor as late as four of its periods, and readings after one, touch is found too deep."""
     prompt = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=0.2").stream("touch")[0]
     (tmp_path / "b").mkdir()
@@ -129,7 +129,7 @@ def x_errors_mm(run: Run) -> list[float]:
 
 @pytest.mark.quick(rows=lambda stage: stage["kind"] == "leadshine")
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage["kind"])
-def test_lost_motion_shows_where_nobody_has_measured_it(
+def test_unmeasured_backlash_shows_as_an_error_of_position(
     finger: Fingertip, tmp_path: Path, stage: dict[str, Any]
 ) -> None:
     """From the switches to −0.5 is a way down the axis; 0.0 and 0.5 are reached upwards, 0.1 mm short."""
@@ -141,7 +141,7 @@ def test_lost_motion_shows_where_nobody_has_measured_it(
 
 @pytest.mark.quick(rows=lambda stage: stage["kind"] == "grbl")
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage["kind"])
-def test_arriving_in_one_direction_takes_lost_motion_up(
+def test_arriving_in_one_direction_compensates_measured_backlash(
     finger: Fingertip, tmp_path: Path, stage: dict[str, Any]
 ) -> None:
     """On both axes: x goes back and forth, and z goes up to back off after each coarse touch."""
@@ -165,7 +165,9 @@ def test_arriving_in_one_direction_takes_lost_motion_up(
 
 @pytest.mark.quick(rows=lambda measured, missing: measured is not None)
 @pytest.mark.parametrize(("measured", "missing"), [(0.5, 0.0), (None, 1.0)])
-def test_a_rig_that_gives_way(finger: Fingertip, tmp_path: Path, measured: float | None, missing: float) -> None:
+def test_measured_compliance_corrects_the_depth_of_a_press(
+    finger: Fingertip, tmp_path: Path, measured: float | None, missing: float
+) -> None:
     """0.5 mm/N under some 7 gwt is 0.03 mm: with the compliance measured the depth is as said, else less by it.
 
     What touch-off itself misses, up to an increment of 0.01 mm, is in the journal and taken off.

@@ -28,7 +28,7 @@ def run(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("command", ["run", "dry-run"])
-def test_each_step_of_a_run_is_on_the_disk_when_the_next_begins_and_of_a_rehearsal_in_the_file(
+def test_each_step_of_a_run_is_flushed_to_disk_before_the_next_begins(
     command: str, finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:

@@ -8,7 +8,7 @@ from rig.clock import Clock, WallClock
 from tests.waiting import DEADLINE_S
 
 
-def test_wall_clock() -> None:
+def test_the_wall_clock_advances_with_real_time() -> None:
     clock: Clock = WallClock()
     start_s, before_s = clock.monotonic_s(), time.time()
     clock.wait_s(0.01)
@@ -16,7 +16,7 @@ def test_wall_clock() -> None:
     assert before_s + 0.009 <= clock.unix_s() <= time.time()
 
 
-def test_a_wait_is_no_longer_than_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_wall_clock_waits_no_longer_than_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     waited_s: list[float] = []
     monkeypatch.setattr("rig.clock.time.sleep", waited_s.append)
     WallClock().wait_s(0.01)
@@ -24,7 +24,7 @@ def test_a_wait_is_no_longer_than_asked_for(monkeypatch: pytest.MonkeyPatch) -> 
     assert waited_s == [0.01, 0.0]
 
 
-def test_wait_until_ready_or_late() -> None:
+def test_the_wall_clock_waits_until_a_condition_or_the_deadline() -> None:
     clock = WallClock()
     at_s = clock.monotonic_s() + 0.01
     assert clock.wait_until(lambda: clock.monotonic_s() >= at_s, at_s + DEADLINE_S)
@@ -32,7 +32,7 @@ def test_wait_until_ready_or_late() -> None:
     assert not clock.wait_until(lambda: False, clock.monotonic_s() + 0.005)
 
 
-def test_a_computer_that_is_awake_is_not_suspended() -> None:
+def test_suspended_time_stays_zero_while_the_computer_is_awake() -> None:
     """The difference of two clocks, which are read one after the other."""
     clock = WallClock()
     before_s = clock.suspended_s()

@@ -78,7 +78,7 @@ def course() -> Course:
 # --- what a run is at ---
 
 
-def test_a_course_is_kept_beside_the_journal(course: Course, tmp_path: Path) -> None:
+def test_the_predicted_timeline_is_stored_beside_the_journal(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     assert (Course.load(folder), written_ns(folder)) == (None, 0)
     course.save(folder)
@@ -89,7 +89,7 @@ def test_a_course_is_kept_beside_the_journal(course: Course, tmp_path: Path) -> 
         assert Course.load(folder) is None, broken
 
 
-def test_the_step_now_and_the_next(course: Course) -> None:
+def test_the_agenda_names_the_current_and_the_next_step(course: Course) -> None:
     agenda = Agenda(course)
     found = [(agenda.now, agenda.next)]
     for stream, data in EVENTS:
@@ -100,7 +100,7 @@ def test_the_step_now_and_the_next(course: Course) -> None:
     assert found == NOW_AND_NEXT
 
 
-def test_a_press_begun_anew_is_the_step_again(course: Course) -> None:
+def test_the_agenda_returns_to_a_press_that_starts_again(course: Course) -> None:
     agenda = Agenda(course)
     for stream, data in EVENTS[:11]:
         agenda.event(stream, data)
@@ -110,7 +110,7 @@ def test_a_press_begun_anew_is_the_step_again(course: Course) -> None:
     assert agenda.now == SECOND
 
 
-def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: Path) -> None:
+def test_rig_watch_counts_time_left_on_the_clock_of_the_run(course: Course, tmp_path: Path) -> None:
     course.save(RunFolder(tmp_path))
     seen = RunScreen(RunFolder(tmp_path))
     seen.take([{"doc": "start", "t_s": 1000.0}])
@@ -152,7 +152,7 @@ def test_a_journal_is_followed_line_by_line(tmp_path: Path) -> None:
         Following(folder).new()
 
 
-def test_a_journal_that_was_cut_shorter_says_nothing_new_until_it_has_grown(tmp_path: Path) -> None:
+def test_following_a_shortened_journal_yields_nothing_until_new_lines_come(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     folder.events.write_bytes(_document("start") + _document("resume"))
     following = Following(folder)
@@ -163,7 +163,7 @@ def test_a_journal_that_was_cut_shorter_says_nothing_new_until_it_has_grown(tmp_
     assert [one["doc"] for one in following.new()] == ["stop"]
 
 
-def test_it_is_followed_to_its_end_or_as_long_as_somebody_writes(tmp_path: Path) -> None:
+def test_a_run_is_followed_until_its_end_or_until_its_writer_is_gone(tmp_path: Path) -> None:
     folder, waited = RunFolder(tmp_path), list[int]()
 
     def seen(coming: list[bytes]) -> list[str]:
@@ -184,7 +184,7 @@ def test_it_is_followed_to_its_end_or_as_long_as_somebody_writes(tmp_path: Path)
         assert seen([_document("stop", status="done")]) == ["stop", "resume", "stop"]
 
 
-def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) -> None:
+def test_rig_watch_shows_force_step_and_time_left(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "mine")
     folder.path.mkdir()
     seen = RunScreen(folder)
@@ -214,7 +214,7 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
     assert seen.newest == {"force_gwt": 2.0}
 
 
-def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path: Path) -> None:
+def test_rig_watch_uses_the_new_timeline_of_a_resumed_run(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     course.save(folder)
     seen = RunScreen(folder)
@@ -244,7 +244,7 @@ def run(tmp_path: Path) -> Callable[[str], Path]:
     return copy
 
 
-def test_in_a_pipe_there_is_one_line_an_event(program: Program, run: Callable[[str], Path]) -> None:
+def test_rig_watch_in_a_pipe_prints_one_line_per_event(program: Program, run: Callable[[str], Path]) -> None:
     folder = run("complete")
     ended = program("watch", folder)
     found = read_run(folder)
@@ -264,7 +264,9 @@ def _stop(folder: Path) -> None:
     append(folder / "events.jsonl", {"doc": "stop", "t_s": 90.0, "status": "tripped", "reason": "too much"})
 
 
-def test_a_run_without_an_end_and_one_that_was_stopped_say_so(program: Program, run: Callable[[str], Path]) -> None:
+def test_rig_watch_ends_with_state_and_reason_of_a_killed_or_tripped_run(
+    program: Program, run: Callable[[str], Path]
+) -> None:
     folder = run("stopped")
     lines = program("watch", folder).out.splitlines()
     assert lines[-5] == "state   killed, 5 of 8 indentations"
@@ -275,7 +277,9 @@ def test_a_run_without_an_end_and_one_that_was_stopped_say_so(program: Program, 
     assert lines[-2:] == ["state   tripped, 5 of 8 indentations", "because too much"]
 
 
-def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path], course: Course) -> None:
+def test_rig_watch_json_reports_the_current_state(
+    program: Program, run: Callable[[str], Path], course: Course
+) -> None:
     folder = run("stopped")
     last = read_run(folder).stream("sample")[-1]
     told = program("watch", folder, "--json").json
@@ -302,7 +306,9 @@ def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path
          "KeyError: 'force_gwt'"),
     ],
 )  # fmt: skip
-def test_what_is_no_run_has_one_line(program: Program, tmp_path: Path, content: bytes | None, named: str) -> None:
+def test_rig_watch_refuses_a_folder_without_a_run_in_one_line(
+    program: Program, tmp_path: Path, content: bytes | None, named: str
+) -> None:
     folder = tmp_path / "odd"
     folder.mkdir()
     if content is not None:
@@ -316,7 +322,7 @@ def test_what_is_no_run_has_one_line(program: Program, tmp_path: Path, content: 
     assert (plain.code, plain.err) == (2, ended.err)
 
 
-def test_nothing_is_changed_by_looking_on(program: Program, run: Callable[[str], Path]) -> None:
+def test_rig_watch_changes_no_file_of_a_run(program: Program, run: Callable[[str], Path]) -> None:
     folder = run("complete")
 
     def there() -> dict[str, tuple[int, bytes]]:
@@ -328,7 +334,7 @@ def test_nothing_is_changed_by_looking_on(program: Program, run: Callable[[str],
     assert there() == before
 
 
-def test_on_a_terminal_there_is_a_screen(
+def test_rig_watch_shows_a_screen_on_a_terminal(
     program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screen = io.StringIO()
@@ -344,7 +350,7 @@ def test_on_a_terminal_there_is_a_screen(
     assert max(map(len, drawn.splitlines())) <= 80
 
 
-def test_ctrl_c_ends_the_looking_on_only(
+def test_ctrl_c_in_rig_watch_leaves_the_run_running(
     program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(clock: WallClock, seconds: float) -> None:
@@ -375,7 +381,7 @@ def run(rig):
 
 
 @pytest.mark.usefixtures("empty_figures", "finger")
-def test_a_run_leaves_its_course_and_shows_it(
+def test_a_run_on_a_terminal_shows_its_screen_and_stores_its_timeline(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import rig.cli.progress as progress
@@ -404,7 +410,7 @@ def test_a_run_leaves_its_course_and_shows_it(
     assert seen.left_s == pytest.approx(0.0, abs=0.5)
 
 
-def test_a_rehearsal_without_an_end_leaves_no_course_and_no_disk_ends_a_run(
+def test_a_run_begins_without_a_predicted_timeline_and_on_a_full_disk(
     course: Course, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun = list[int]()
@@ -428,7 +434,7 @@ def test_a_rehearsal_without_an_end_leaves_no_course_and_no_disk_ends_a_run(
     assert Rehearsed(course.duration_s, 0.0, course.instants_s, course.words).course == course
 
 
-def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_live_screen_is_hidden_during_a_question(monkeypatch: pytest.MonkeyPatch) -> None:
     console = Console(file=io.StringIO(), force_terminal=True)
     monkeypatch.setattr(output, "err", console)
     shown: list[bool] = []

@@ -103,7 +103,7 @@ def _stays(*, watched: str, motion: str) -> bool:
 
 @pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_the_force_is_read_at_every_look_and_one_on_the_way_ends_the_motion_and_trips(
+def test_a_force_above_the_trip_ends_every_motion_at_the_next_poll(
     watched: Callable[..., Watched], motion: str
 ) -> None:
     """60 gwt with a soft trip of 51, from the middle of the motion on; it is felt before the motion would be over.
@@ -162,7 +162,7 @@ def _read_at_every_look(whole: Watched, motion: str) -> float:
 
 @pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize("motion", [*MOTIONS, "ramp"])
-def test_an_error_in_the_program_ends_the_motion(
+def test_an_error_in_the_program_stops_every_motion(
     watched: Callable[..., Watched], motion: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = watched()
@@ -189,7 +189,7 @@ def test_an_error_in_the_program_ends_the_motion(
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_a_sensor_that_falls_silent_on_the_way_trips(motion: str) -> None:
+def test_a_sensor_that_gives_no_number_during_a_motion_trips(motion: str) -> None:
     """Away from the finger it goes to the end of the way first; there nothing says that it is lifted."""
     bench = Watched(GRBL)
     engine = bench.ready()
@@ -212,7 +212,7 @@ def test_a_sensor_that_falls_silent_on_the_way_trips(motion: str) -> None:
     assert engine.state is State.TRIPPED
 
 
-def test_before_the_first_zero_a_force_counts_from_what_was_there_before_the_motion() -> None:
+def test_before_the_first_zero_forces_count_from_the_reading_before_the_motion() -> None:
     """A sensor that was never zeroed shows the holder's weight, 80 gwt: no reason to refuse homing."""
     bench = Watched(GRBL)
     bench.hand.force_gwt = lambda t_s: 80.0
@@ -230,7 +230,7 @@ def test_before_the_first_zero_a_force_counts_from_what_was_there_before_the_mot
     ("over_s", "looks_s"),
     [(0.14, [0.24]), (0.16, [0.1, 0.26]), (0.34, [0.1, 0.2, 0.44]), (-1.0, [0.1, 0.2])],
 )
-def test_no_look_falls_just_before_the_end_or_just_after_it(over_s: float, looks_s: list[float]) -> None:
+def test_no_poll_falls_just_before_or_after_the_end_of_a_motion(over_s: float, looks_s: list[float]) -> None:
     """An increment of 0.1 s is read at rest, as it is; a late motion is looked at all the same."""
     found, last_s = [], 0.0
     while len(found) < len(looks_s):
@@ -242,7 +242,7 @@ def test_no_look_falls_just_before_the_end_or_just_after_it(over_s: float, looks
 # --- limits that are layers of their own ---
 
 
-def test_the_hard_trip_acts_on_every_reading_whatever_is_planned() -> None:
+def test_the_hard_trip_acts_on_every_reading_of_every_verb() -> None:
     """Descent, zero, press, move and homing, each with the soft trip out of the way."""
     for act in (
         lambda e: verbs.zero(e),
@@ -260,7 +260,7 @@ def test_the_hard_trip_acts_on_every_reading_whatever_is_planned() -> None:
         assert engine.state is State.TRIPPED
 
 
-def test_below_clearance_nothing_goes_down_faster_than_the_limit() -> None:
+def test_a_move_down_below_clearance_faster_than_the_limit_is_refused() -> None:
     bench = Watched(GRBL, max_press_speed_mm_s=1.0)
     engine = bench.ready()
     at = bench.pose

@@ -38,7 +38,7 @@ def _missing(*_: Any) -> Any:
     raise TransportError("/dev/no-such10: no such port", "no_port")
 
 
-def test_a_missing_stage_is_not_taken_for_the_sensor(config: Config) -> None:
+def test_a_missing_stage_port_is_reported_as_the_stage(config: Config) -> None:
     with raises(PortError, "no_port", port="/dev/no-such10") as caught:
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     assert caught.value.device == "stage"
@@ -46,7 +46,7 @@ def test_a_missing_stage_is_not_taken_for_the_sensor(config: Config) -> None:
         _opened_bench(config)
 
 
-def test_a_missing_sensor_is_not_taken_for_the_stage(
+def test_a_missing_sensor_port_is_reported_as_the_sensor(
     config: Config, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))

@@ -46,7 +46,7 @@ def _options(kinds: tuple[Any, ...] = WHOLE) -> Iterator[tuple[list[str], str, b
             yield words, one.opts[0], one.param_type_name == "option", more
 
 
-def test_every_whole_number_is_refused_in_one_line_unless_it_is_one(
+def test_every_whole_number_option_refuses_another_value_in_one_line(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -68,7 +68,7 @@ PYTHONS = ["nan", "-inf", "Infinity", "1_0", "١٢", "１２"]
 
 
 @pytest.mark.parametrize("value", PYTHONS)
-def test_every_number_is_refused_in_one_line_unless_it_is_finite(
+def test_every_numeric_option_refuses_nan_infinity_and_odd_spellings_in_one_line(
     value: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No length, force, gain or time is infinite, or no number; without effect is not an exception."""
@@ -102,7 +102,9 @@ LISTS = {
 
 @pytest.mark.parametrize("value", PYTHONS)
 @pytest.mark.parametrize("words", LISTS, ids=" ".join)
-def test_so_is_a_number_within_a_text(words: tuple[str, ...], value: str, program: Program) -> None:
+def test_every_option_with_a_list_refuses_nan_infinity_and_odd_spellings_in_one_line(
+    words: tuple[str, ...], value: str, program: Program
+) -> None:
     *before, option = words
     ended = program(*before, f"{option}={LISTS[words].format(value)}" if option != "--set" else option,
                     *([LISTS[words].format(value)] if option == "--set" else []))  # fmt: skip
@@ -142,7 +144,7 @@ FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
 
 @pytest.mark.parametrize("value", PYTHONS)
 @pytest.mark.parametrize("file", FILES)
-def test_so_is_a_number_in_a_file(file: str, value: str, tmp_path: Path) -> None:
+def test_every_data_file_refuses_nan_infinity_and_odd_spellings(file: str, value: str, tmp_path: Path) -> None:
     text, read = FILES[file]
     path = tmp_path / "mine.csv"
     path.write_text(text.format(value), encoding="utf-8")
@@ -151,7 +153,9 @@ def test_so_is_a_number_in_a_file(file: str, value: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("value", PYTHONS)
-def test_so_is_an_answer_or_a_count(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_typed_answers_and_environment_variables_refuse_nan_infinity_and_odd_spellings(
+    value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(calibrate, "_wait_for_enter", lambda _: value)
     with pytest.raises(BadInputError):
         calibrate._typed_number("How many mm?")

@@ -42,7 +42,7 @@ def bench() -> Bench:
     return bench
 
 
-def test_ten_millimetres_at_one_millimetre_a_second(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_move_takes_its_nominal_time_and_five_messages(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten seconds on the bench's clock, in which nearly nothing is to be done: the board is asked once it is due."""
     start_s, sent, write = bench.clock.monotonic_s(), list[bytes](), bench.line.host_write
     monkeypatch.setattr(bench.line, "host_write", lambda data: (sent.append(data), write(data)))
@@ -52,7 +52,7 @@ def test_ten_millimetres_at_one_millimetre_a_second(bench: Bench, monkeypatch: p
     assert bench.carriage_mm() == (-1.0, -1.0, -11.0)
 
 
-def test_a_power_failure_in_the_middle_of_a_move(bench: Bench) -> None:
+def test_a_power_failure_during_a_move_is_reported_and_leaves_the_stage_unhomed(bench: Bench) -> None:
     bench.clock.call_at(bench.clock.monotonic_s() + 1.0, bench.board.power_cycle)
     start_s = bench.clock.monotonic_s()
     with raises(StageReset, "was_reset"):
@@ -75,7 +75,7 @@ TARGETS = st.lists(
 
 @given(TARGETS)
 @settings(max_examples=25, deadline=None)
-def test_any_legal_moves_end_where_they_were_sent(moves: list[tuple[Any, Any, Any, float]]) -> None:
+def test_any_moves_within_the_travel_end_at_their_targets(moves: list[tuple[Any, Any, Any, float]]) -> None:
     bench = Bench()
     bench.stage.connect()
     bench.stage.home()
@@ -89,7 +89,7 @@ def test_any_legal_moves_end_where_they_were_sent(moves: list[tuple[Any, Any, An
 
 @given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(0.5, 10.0), st.floats(0.0, 1.5)), max_size=8))
 @settings(max_examples=15, deadline=None)
-def test_the_carriage_never_jumps_whatever_the_board_is_told(
+def test_the_virtual_carriage_never_exceeds_its_speed_limit(
     moves: list[tuple[float, float, float]],
 ) -> None:
     """Streamed moves, holds and resumes: between two looks 5 ms apart no axis outruns its own limit."""
@@ -118,7 +118,7 @@ def _watch(bench: Bench, seconds: float) -> Iterator[tuple[float, ...]]:
 # --- the balance ---
 
 
-def test_stage_and_balance_share_one_clock(bench: Bench) -> None:
+def test_the_virtual_balance_reads_the_force_at_its_own_sample_time(bench: Bench) -> None:
     """A spring of 0.2 N/mm under the stage: the balance reads the force of its own sample instant."""
 
     def force_n(t_s: float) -> float:

@@ -116,7 +116,7 @@ def test_strain_by_one_solve_equals_the_whole_solve(
         np.testing.assert_allclose(found.strain, strain, rtol=0, atol=ROUND_OFF * np.abs(strain).max())
 
 
-def test_presses_on_several_meshes_come_back_in_their_order(
+def test_fields_of_presses_on_several_meshes_keep_their_order(
     small: Fingertip, results: list[IndentationResult]
 ) -> None:
     points = small.points_below([-0.5, 0.5], 0.7)
@@ -129,7 +129,7 @@ def test_presses_on_several_meshes_come_back_in_their_order(
     assert len(small._anywhere._interiors) == 1  # one factor at a time
 
 
-def test_fields_at_the_receptors_equal_the_receptors_answers(
+def test_fields_at_the_receptors_equal_the_receptor_strains(
     small: Fingertip, results: list[IndentationResult]
 ) -> None:
     # The same adjoint solves by a factor with and without a Schur complement: equal to 1e-12.
@@ -154,7 +154,7 @@ def _files(folder: Path) -> Counter[str]:
     return Counter(path.suffix for path in folder.iterdir() if path.suffix in (".model", ".columns"))
 
 
-def test_other_receptors_are_added_to_the_same_model(
+def test_loading_other_receptors_reuses_the_cached_skin_model(
     tiny_config: FingertipConfig, folder: Path, work: Counter[str]
 ) -> None:
     Fingertip.load(tiny_config)
@@ -201,13 +201,17 @@ def test_fields_have_the_shape_of_the_points(small: Fingertip, results: list[Ind
 
 
 @pytest.mark.parametrize("points", [[], [1.0, 2.0], [[0.0, np.nan, 6.9]]])
-def test_points_that_are_none(small: Fingertip, results: list[IndentationResult], points: Any) -> None:
+def test_fields_at_malformed_points_are_refused(
+    small: Fingertip, results: list[IndentationResult], points: Any
+) -> None:
     with raises(ModelRangeError, "bad_points"):
         small.fields(results[0], points)
 
 
 @pytest.mark.parametrize("point", [(9.0, 0.0, 6.9), (0.0, 0.0, 6.9), (0.0, 2.5, 12.7)])
-def test_points_outside_of_the_tissue(small: Fingertip, results: list[IndentationResult], point: Any) -> None:
+def test_fields_at_points_outside_the_tissue_are_refused(
+    small: Fingertip, results: list[IndentationResult], point: Any
+) -> None:
     x, y, z = point
     with raises(ReceptorError, "outside_finger", x_mm=x, y_mm=y, z_mm=z) as caught:
         small.fields(results[0], [[0.0, 3.0, 6.9], point])
@@ -215,7 +219,9 @@ def test_points_outside_of_the_tissue(small: Fingertip, results: list[Indentatio
     assert 10 <= printed(caught.value, " to ", " mm, and y") < 20
 
 
-def test_a_press_of_another_finger_is_refused(coarse_finger: Fingertip, results: list[IndentationResult]) -> None:
+def test_fields_of_a_press_of_another_finger_are_refused(
+    coarse_finger: Fingertip, results: list[IndentationResult]
+) -> None:
     other = coarse_finger
     with raises(ModelRangeError, "other_finger", press=repr(results[0])):
         other.fields(results[0], [0.0, 3.0, 6.9])
@@ -236,12 +242,14 @@ LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
         ((0.0, 0.7, 14.0), "z_outside", LENGTH | {"z_mm": 14.0}),
     ],
 )
-def test_refusal_of_a_place_names_the_range(small: Fingertip, place: Any, code: str, fields: dict[str, Any]) -> None:
+def test_a_refused_receptor_place_is_named_with_its_allowed_range(
+    small: Fingertip, place: Any, code: str, fields: dict[str, Any]
+) -> None:
     with raises(ReceptorError, code, **fields):
         small.points_below(*place)
 
 
-def test_an_elastic_bone_has_strain_half_way_in(coarse_config: FingertipConfig) -> None:
+def test_an_elastic_bone_has_strain_in_its_outer_half(coarse_config: FingertipConfig) -> None:
     config = coarse_config.model_copy(update={"tissue": Tissue(bone="elastic")})
     finger = load("finger", config, cached=False)
     with raises(ReceptorError, "depth_outside", x_mm=0.0, low_mm=0.0, high_mm=3.61):
@@ -251,7 +259,9 @@ def test_an_elastic_bone_has_strain_half_way_in(coarse_config: FingertipConfig) 
     assert BONE == 3
 
 
-def test_receptors_at_every_combination(tiny_config: FingertipConfig, folder: Path) -> None:
+def test_receptors_are_placed_at_every_combination_of_x_depth_and_z(
+    tiny_config: FingertipConfig, folder: Path
+) -> None:
     finger = Fingertip.load(
         tiny_config, receptor_x_mm=[-1, 1], receptor_depth_mm=[0.5, 0.8], receptor_z_mm=(6.0, 7.0)
     )
@@ -273,7 +283,7 @@ def test_receptors_at_every_combination(tiny_config: FingertipConfig, folder: Pa
 
 
 @pytest.mark.parametrize(("x", "depths", "z"), [(77, 1, 13), (1, 0, 1)])
-def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, depths: int, z: int) -> None:
+def test_too_many_receptors_or_none_are_refused(coarse_config: FingertipConfig, x: int, depths: int, z: int) -> None:
     places = ReceptorPlaces((0.0,) * x, (0.5,) * depths, (7.0,) * z)
     surface = FingertipSurface.fit(coarse_config.geometry)
     with raises(ReceptorError, "how_many", receptors=x * depths * z, most=1000):
@@ -283,7 +293,7 @@ def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, dep
 # --- the other models ---
 
 
-def test_a_section_has_one_plane(coarse_config: FingertipConfig) -> None:
+def test_a_section_model_has_receptors_in_its_plane_only(coarse_config: FingertipConfig) -> None:
     section = load("section", coarse_config)
     result = section.indent("bar:1.5", doi_mm=0.2)
     found = section.fields(result, section.model.receptors.position_mm)
@@ -295,7 +305,7 @@ def test_a_section_has_one_plane(coarse_config: FingertipConfig) -> None:
         load("section", coarse_config, receptor_z_mm=7.0)
 
 
-def test_strain_in_a_half_space_is_boussinesqs(coarse_config: FingertipConfig) -> None:
+def test_strain_in_a_half_space_agrees_with_boussinesq(coarse_config: FingertipConfig) -> None:
     # Johnson (1985), Eq. 3.18 and 3.19, summed over the vertical forces of a flat plate; both are closed forms, their
     # places agree to 1e-9 mm, and so the strains to some 1e-8.
     model = load("halfspace", coarse_config)

@@ -6,7 +6,7 @@ from sim.fem.elements import assemble_upper, stiffness, symmetric
 from sim.models.condensed import FiniteElements
 
 
-def test_assembly_is_the_dense_loop() -> None:
+def test_sparse_assembly_equals_a_dense_loop() -> None:
     # Three random symmetric "elements" on shuffled numbers: 1e-14 is the round-off of adding at most three terms.
     rng = np.random.default_rng(1)
     hexes = np.array([rng.permutation(13)[:8] for _ in range(3)])
@@ -24,7 +24,7 @@ def test_assembly_is_the_dense_loop() -> None:
     np.testing.assert_allclose(symmetric(upper).toarray(), expected, rtol=0, atol=1e-14)
 
 
-def test_the_finger_is_held(coarse_problem: FiniteElements) -> None:
+def test_the_fixed_nodes_of_the_finger_are_not_unknowns(coarse_problem: FiniteElements) -> None:
     # Free unknowns only, ascending, patch unknowns are x and y of the patch's nodes.
     problem = coarse_problem
     assert not problem.mesh.fixed[problem.free // 3].any()

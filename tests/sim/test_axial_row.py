@@ -65,13 +65,13 @@ def means(row: ReceptorRow, pressed: IndentationResult) -> Array:
     return in_plane(row, pressed).means(0.5 * (ENDS[1:] + ENDS[:-1]))
 
 
-def test_the_shape_is_an_ellipse_by_its_name() -> None:
+def test_the_axial_shape_ellipse_has_an_elliptic_profile() -> None:
     shape = AxialShape(1.5, CENTRE)
     assert shape.name == "ellipse:1.5"
     assert_allclose(shape.at(np.array([5.5, 6.1, 7.0, 7.9, 8.5, 9.0, 4.0])), [0, 0.8, 1, 0.8, 0, 0, 0], atol=1e-12)
 
 
-def test_pressures_of_a_press_give_its_sed_under_the_right_length_only(
+def test_contact_pressures_reproduce_the_sed_under_the_right_contact_length_only(
     row: ReceptorRow, cylinder: IndentationResult
 ) -> None:
     true, sed = means(row, cylinder), cylinder.receptor_measures["sed"]
@@ -81,7 +81,7 @@ def test_pressures_of_a_press_give_its_sed_under_the_right_length_only(
     assert missed[1.0] > 3 * missed[2.0]
 
 
-def test_the_skin_of_the_plane_lies_on_the_cylinder(row: ReceptorRow, cylinder: IndentationResult) -> None:
+def test_the_pressed_skin_lies_on_the_cylinder(row: ReceptorRow, cylinder: IndentationResult) -> None:
     true = means(row, cylinder)
     skin = row.under(AxialShape(1.5, CENTRE), ENDS, "finite").skin
     x, y = skin.pressed(true, skin.lean(true) * true)
@@ -90,7 +90,7 @@ def test_the_skin_of_the_plane_lies_on_the_cylinder(row: ReceptorRow, cylinder: 
     assert_allclose(np.hypot(x[inside] - 0.2, y[inside] - centre), 3.0, atol=0.05)
 
 
-def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
+def test_a_pressed_cylinder_is_decoded_under_the_contact_length_that_fits_best(
     row: ReceptorRow, cylinder: IndentationResult
 ) -> None:
     true, sed = means(row, cylinder), cylinder.receptor_measures["sed"]

@@ -39,7 +39,7 @@ BUILDS: dict[str, tuple[Build, int]] = {
 
 
 @pytest.mark.parametrize("what", BUILDS)
-def test_every_build_is_announced(what: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_every_model_build_is_logged_before_it_begins(what: str, caplog: pytest.LogCaptureFixture) -> None:
     build, factors = BUILDS[what]
     mesh = coarse_mesh(0.8, 0.8, patch_x_mm=1.5, patch_z_mm=1.5, round_patch_mm=1.0)
     with caplog.at_level(logging.INFO, "sim.models"):

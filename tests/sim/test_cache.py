@@ -54,7 +54,7 @@ class Maker:
         return found, from_disk
 
 
-def test_made_once_then_read(folder: Path) -> None:
+def test_a_model_is_made_once_and_then_read_from_the_cache(folder: Path) -> None:
     make = Maker()
     assert make.get()[1] is False
     assert make.get()[1] is True
@@ -64,7 +64,7 @@ def test_made_once_then_read(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["half", "other key"])
-def test_damaged_files_are_rebuilt(folder: Path, damage: str) -> None:
+def test_a_damaged_cache_file_is_rebuilt(folder: Path, damage: str) -> None:
     make = Maker(5000)
     make.get()
     path = folder / "k.model"
@@ -80,7 +80,7 @@ def test_damaged_files_are_rebuilt(folder: Path, damage: str) -> None:
     assert make.get()[1] is True
 
 
-def test_any_single_flipped_bit_is_seen(folder: Path) -> None:
+def test_any_single_flipped_bit_of_a_cache_file_is_detected(folder: Path) -> None:
     # One bit of every seventh byte of a small file in turn, headers, directory and seal included.
     make = Maker()
     make.get()
@@ -104,7 +104,7 @@ def warnings_in(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:
     return [record for record in caplog.records if record.levelno >= logging.WARNING]
 
 
-def test_a_full_disk_costs_no_answer_and_is_named(
+def test_a_cache_on_a_full_disk_still_answers_and_warns(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def full(path: Path, *_: object) -> None:
@@ -120,7 +120,7 @@ def test_a_full_disk_costs_no_answer_and_is_named(
     assert Maker().get()[1] is False
 
 
-def test_a_failed_making_leaves_nothing(folder: Path) -> None:
+def test_a_model_that_cannot_be_made_leaves_no_cache_file(folder: Path) -> None:
     def fail() -> Arrays:
         raise RuntimeError("no model today")
 
@@ -203,7 +203,7 @@ HOSTILE: dict[str, Callable[[Path], None]] = {
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no pipes in folders")
 @pytest.mark.parametrize("what", HOSTILE)
-def test_what_is_no_arrays_is_made_anew_with_one_line(
+def test_a_hostile_cache_file_is_rebuilt_with_one_warning(
     folder: Path, what: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(model_cache, "_reported", set())
@@ -247,7 +247,7 @@ def another(name: str, value: Any) -> Any:
     return value + 1 if isinstance(value, int) else value * 1.0001
 
 
-def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_cache_removes_the_least_recently_read_models(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stored() -> set[str]:
         return {path.stem for path in folder.glob("*.model")}
 
@@ -265,7 +265,7 @@ def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeyp
     assert stored() == {"fifth"}
 
 
-def test_the_limit_is_what_the_environment_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_variable_limits_the_cache_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And one that is none is told before anything is made."""
     cached_arrays("first", lambda: {"a": np.zeros(1000)})
     os.utime(folder / "first.model", (1, 1))
@@ -293,7 +293,7 @@ def imported(source: Path) -> set[Path]:
     return found
 
 
-def test_the_key_covers_all_code_that_makes_a_model() -> None:
+def test_the_cache_key_covers_all_code_that_makes_a_model() -> None:
     maker = ROOT / "models" / "finger_3d.py"
     reached, new = {maker}, {maker}
     while new:
@@ -305,7 +305,7 @@ def test_the_key_covers_all_code_that_makes_a_model() -> None:
     assert not {path for path in covered - reached if path.parent.name in ("models", "contact")}
 
 
-def test_the_key_changes_with_every_parameter() -> None:
+def test_the_cache_key_changes_with_every_parameter() -> None:
     # How it is touched, and what its answers are multiplied by, changes no model (test_stiffness_scale.py).
     no_matter = {"contact": True, "tissue": {"stiffness", "strain", "stiffening"}}
     default = FingertipConfig().model_dump(mode="json", exclude=no_matter)

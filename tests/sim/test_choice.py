@@ -75,7 +75,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_on_another_finger_only_levels_of_the_finger_are_promised_and_it_is_said(name: str) -> None:
+def test_on_another_finger_auto_chooses_only_the_finger_model_and_says_so(name: str) -> None:
     """A half-space of homogeneous tissue was 77 % off where 12 % had been promised."""
     found = choose("sphere:8", doi_mm=0.05, aim=Aim(tolerance=0.3), config=OTHERS[name])
     assert (found.model, found.level) == ("finger", "coarse")
@@ -96,14 +96,14 @@ def test_on_another_finger_only_levels_of_the_finger_are_promised_and_it_is_said
         (0.003, FINE),
     ],
 )
-def test_the_cheapest_that_holds_is_chosen(tolerance: float, rung: Rung) -> None:
+def test_auto_chooses_the_cheapest_model_within_the_tolerance(tolerance: float, rung: Rung) -> None:
     found = chosen(tolerance)
     assert (found.model, found.level) == rung
     assert found.promised == FORCE[rung]
     assert found.cost == COSTS[rung]
 
 
-def test_every_quantity_that_is_asked_for_holds() -> None:
+def test_auto_keeps_the_tolerance_for_every_requested_quantity() -> None:
     assert chosen(0.03).level == "coarse"
     both = chosen(0.03, "force", "sed")
     assert both.level == "default"
@@ -111,7 +111,7 @@ def test_every_quantity_that_is_asked_for_holds() -> None:
     assert both.passed == ("halfspace default 20 %", "finger coarse 6 %")
 
 
-def test_receptors_are_made_and_paid_for_only_where_they_are_asked_for() -> None:
+def test_auto_builds_receptors_only_if_a_receptor_quantity_is_requested() -> None:
     alone, with_sed = chosen(0.03), chosen(0.06, "force", "sed")
     assert (alone.level, alone.aim.receptors, alone.seconds) == ("coarse", False, pytest.approx(1.02))
     assert (with_sed.level, with_sed.aim.receptors, with_sed.seconds) == ("coarse", True, pytest.approx(1.52))
@@ -120,7 +120,7 @@ def test_receptors_are_made_and_paid_for_only_where_they_are_asked_for() -> None
     assert "contact and receptors" in with_sed.outlook
 
 
-def test_a_section_is_for_a_force_per_length_and_by_depth() -> None:
+def test_auto_chooses_a_section_only_per_length_and_by_depth() -> None:
     assert chosen(0.02, "sed").model == "finger"
     assert chosen(0.02, "sed", per_length=True).model == "section"
     assert chosen(0.02, "sed", "force", per_length=True).model == "finger"
@@ -128,7 +128,7 @@ def test_a_section_is_for_a_force_per_length_and_by_depth() -> None:
     assert chosen(0.2, "sed", scene=by_force, per_length=True).model == "finger"
 
 
-def test_a_force_is_as_wrong_as_the_worst_depth() -> None:
+def test_auto_assumes_the_worst_depth_for_a_force_target() -> None:
     by_force = replace(SCENE, depth_mm=None, reach_mm=None)
     assert chosen(0.04, scene=by_force).promised == 0.04
     with raises(NoModelError, "no_model", model="finger", level="fine", expected_percent=1.2):
@@ -146,12 +146,12 @@ def test_a_force_is_as_wrong_as_the_worst_depth() -> None:
         replace(SCENE, place_mm=PLACES_MM[-1] + 0.01, depth_mm=None),
     ],
 )
-def test_where_nothing_was_measured_nothing_is_promised(scene: Situation) -> None:
+def test_auto_refuses_scenes_outside_the_measured_range(scene: Situation) -> None:
     with raises(NoModelError, "not_measured", shape="bar:3"):
         chosen(0.5, scene=scene)
 
 
-def test_chosen_model_is_loaded_with_the_outputs_asked_for() -> None:
+def test_a_chosen_model_is_loaded_with_the_requested_outputs() -> None:
     force = chosen(0.2)
     assert (force.model, force.load().model.receptors.position_mm.shape) == ("halfspace", (0, 3))
     strain = chosen(0.3, "sed").load(places=ReceptorPlaces((0.0, 0.5)))
@@ -164,13 +164,13 @@ def test_chosen_model_is_loaded_with_the_outputs_asked_for() -> None:
 # --- the table that is bundled ---
 
 
-def test_no_level_promises_more_than_a_finer_one() -> None:
+def test_no_mesh_level_has_a_smaller_error_than_a_finer_one() -> None:
     for rungs in bundled().largest.values():
         for coarser, finer in ((COARSE, DEFAULT), (DEFAULT, FINE)):
             assert all(rungs[coarser][quantity] >= rungs[finer][quantity] for quantity in QUANTITIES)
 
 
-def test_every_scene_that_was_measured_has_a_choice() -> None:
+def test_auto_finds_a_model_for_every_measured_scene() -> None:
     table = bundled()
     for cell in table.largest:
         slope, kind = cell.family.split(", ")
@@ -197,7 +197,7 @@ def test_the_patch_grows_with_depth_and_place() -> None:
     assert situation("cylinder:9", None).share == 1.0
 
 
-def test_depth_counts_from_first_touch_whatever_the_reference() -> None:
+def test_auto_counts_depth_from_first_touch_with_either_reference() -> None:
     bar, config = parse_shape("cylinder:3"), FingertipConfig()
     touched = Situation.of(bar, 1.5, None, 0.9, config)
     apex = Situation.of(bar, 1.5, None, 0.9, config, "apex")

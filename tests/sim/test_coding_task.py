@@ -63,7 +63,7 @@ def test_receptor_responds_above_silence_or_noise() -> None:
 
 
 @pytest.mark.parametrize(("receptor", "unit"), [(None, 1.0), (through(4.0, 0.0), 4.0)])
-def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
+def test_readings_beyond_five_deviations_of_chi_squared_are_reported_as_unexplained(
     receptor: FittedReceptor | None, unit: float
 ) -> None:
     """Of 8 readings: 8 + 5 √16 = 28 sd²."""
@@ -77,7 +77,7 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
             assert problems == ("the decoded pressures do not explain the readings: misfit 28.1, expected about 8",)
 
 
-def test_silent_receptors_leave_no_error_of_sed() -> None:
+def test_silent_receptors_do_not_count_in_the_remaining_sed_error() -> None:
     rate = np.append(0.0, SED[1:])  # the first is below its threshold, however far
     given = observation(rate, receptor=through(1.0, 0.0))
     assert DecodeResult(given, np.append(30.0, PRESSURE[1:]), True, 0.0).left_of_sed == 0.0
@@ -90,7 +90,7 @@ def test_silent_receptors_leave_no_error_of_sed() -> None:
 SAID = Encoded(SED, 2.0 * SED, 0.25, 0.01)
 
 
-def test_noise_is_measured_given_or_assumed() -> None:
+def test_the_noise_of_readings_is_measured_given_or_assumed() -> None:
     rest = 0.25 * np.random.default_rng((7, 1)).normal(size=M)
     measured = noise_of(SAID, None, Noise(20.0, "receptor", 7))
     assert_allclose(measured.sd, np.full(M, sd_at_rest(rest)))
@@ -108,7 +108,7 @@ def test_noise_is_measured_given_or_assumed() -> None:
 # --- searches ---
 
 
-def test_a_search_begins_and_ends_by_the_readings_size() -> None:
+def test_start_and_range_of_a_search_follow_the_size_of_the_readings() -> None:
     found = decode_observation(observation(), "univariate", SearchOptions())
     assert found.bounds == PressureRange(0.0, 2 * 8.0)  # the highest reading is 8 squared, felt by one pressure
     # even pressures of s give s² everywhere: nearest to the readings where s² is their mean
@@ -153,7 +153,7 @@ def test_bayes_takes_noise_before_or_after_the_receptor() -> None:
 
 
 @pytest.mark.parametrize("gain", [1.0, 30.0])
-def test_noise_that_differs_weighs_readings(gain: float) -> None:
+def test_readings_with_larger_noise_have_less_weight(gain: float) -> None:
     sd = np.where(np.arange(M) == 2, 1e6, 1.0)
     given = two_pressures(sd, gain)
     wrong = replace(given, reading=np.where(np.arange(M) == 2, 3 * given.reading, given.reading))
@@ -180,7 +180,7 @@ COARSE = FingertipConfig(mesh=coarse_mesh(0.3, 0.5))
 QUICK = Sampling(half_length=10)
 
 
-def test_pressures_are_encoded_and_read_back_by_the_operator_that_is_named() -> None:
+def test_encoding_and_decoding_use_the_named_operator() -> None:
     """Convolution unless told; noise and receptor are those of `encode`."""
     folded = encode_task(EncodeTask((20, 14), sampling=QUICK, finger=COARSE))
     assert folded.load.operator.name == "convolution"
@@ -201,7 +201,7 @@ def test_pressures_are_encoded_and_read_back_by_the_operator_that_is_named() -> 
     assert found.errors.relative_l2 == pytest.approx(np.linalg.norm(found.pressure - [20, 14]) / np.hypot(20, 14))
 
 
-def test_a_press_goes_by_finite_elements_unless_told() -> None:
+def test_a_press_is_encoded_by_finite_elements_unless_an_operator_is_named() -> None:
     press = SectionPress("cylinder:9", 0.5, 0.4)
     elements = encode_task(EncodeTask(press, "influence", sampling=QUICK, finger=COARSE))
     assert elements.load.missed is not None
@@ -216,7 +216,7 @@ def test_a_press_goes_by_finite_elements_unless_told() -> None:
         observe(DecodeTask(beside, sampling=QUICK, finger=COARSE))
 
 
-def test_silence_cannot_be_decoded() -> None:
+def test_readings_of_silent_receptors_cannot_be_decoded() -> None:
     with raises(CodingError, "all_noise"):
         decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
     with raises(CodingError, "all_silent", threshold="threshold"):

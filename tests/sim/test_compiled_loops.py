@@ -47,7 +47,7 @@ def missed_by(missed: Loops, **changed: object) -> tuple[float, float]:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("missed", both_ways(planes_and_residual.missed))
-def test_by_how_much_equilibrium_is_missed(
+def test_the_compiled_residual_equals_its_definition(
     missed: Loops, changed: dict[str, object], worst: float, depth: float
 ) -> None:
     found = missed_by(missed, **changed)
@@ -60,7 +60,7 @@ def test_by_how_much_equilibrium_is_missed(
 
 @pytest.mark.parametrize("others", [[], [2], [1, 2, 7, 9], [0, 3, 8], [9, 11]])
 @pytest.mark.parametrize("numbers", [[], [2], [2, 3, 7, 9]])
-def test_numbers_that_ascend(numbers: list[int], others: list[int]) -> None:
+def test_the_compiled_merge_of_ascending_numbers_equals_its_definition(numbers: list[int], others: list[int]) -> None:
     one, other = np.array(numbers, dtype=np.int64), np.array(others, dtype=np.int64)
     for which_of, merged in (
         (points_between_nodes.which_of, points_between_nodes.merged),
@@ -79,7 +79,7 @@ def definite(n: int) -> Array:
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 30])
-def test_factor_solves_its_matrix(n: int) -> None:
+def test_the_compiled_factor_solves_its_matrix(n: int) -> None:
     matrix, rng = definite(n), np.random.default_rng(3)
     factor = np.tril(matrix)  # the upper triangle is not looked at
     assert factors.factor_in_place(factor)
@@ -95,5 +95,5 @@ def test_factor_solves_its_matrix(n: int) -> None:
     np.testing.assert_allclose(lower.T @ back, b, atol=1e-10)
 
 
-def test_indefinite_matrix_has_no_factor() -> None:
+def test_the_compiled_factor_refuses_an_indefinite_matrix() -> None:
     assert not factors.factor_in_place(np.array([[1.0, 2.0], [2.0, 1.0]]))

@@ -45,13 +45,13 @@ def against_direct(factor: DissectionFactor, upper: sp.csr_array, kept: NDArray[
     np.testing.assert_allclose(single, exact[:1], rtol=0, atol=rtol * np.abs(exact).max())
 
 
-def test_a_small_matrix_is_condensed_exactly() -> None:
+def test_condensation_of_a_small_matrix_is_exact() -> None:
     # Diagonally dominant, condition < 1e2: round-off 1e-14; 1e-12 leaves room for the order of sums.
     upper, kept, places = block_tridiagonal()
     against_direct(DissectionFactor(upper, kept, places), upper, kept, 1e-12)
 
 
-def test_a_finger_is_condensed_exactly(coarse_problem: FiniteElements) -> None:
+def test_condensation_of_a_finger_is_exact(coarse_problem: FiniteElements) -> None:
     # The condition of the coarse finger is 8e4: a direct solution itself is good to ~1e-11.
     against_direct(factorise(coarse_problem), coarse_problem.upper, coarse_problem.kept, 1e-10)
 
@@ -66,7 +66,7 @@ def test_condensation_is_exact_with_leaves_of_any_size(monkeypatch: pytest.Monke
     against_direct(DissectionFactor(upper, kept, np.hstack([slab, drawn])[:, :axes]), upper, kept, 1e-12)
 
 
-def test_an_indefinite_matrix_is_refused() -> None:
+def test_condensation_refuses_an_indefinite_matrix() -> None:
     upper, kept, places = block_tridiagonal()
     bad = upper.toarray()
     interior = np.setdiff1d(np.arange(28), kept)[3]
@@ -75,7 +75,7 @@ def test_an_indefinite_matrix_is_refused() -> None:
         DissectionFactor(sp.csr_array(bad), kept, places)
 
 
-def test_inverse_of_a_definite_matrix() -> None:
+def test_the_inverse_of_a_definite_matrix_is_symmetric_and_exact() -> None:
     # 700 > one tile of the mirrored triangle. Condition ~ 10, so round-off stays below 1e-13.
     rng = np.random.default_rng(11)
     m = rng.normal(size=(700, 700)) / np.sqrt(700)
@@ -88,6 +88,6 @@ def test_inverse_of_a_definite_matrix() -> None:
 
 
 @pytest.mark.parametrize(("diagonal", "minor"), [([1.0, -1.0, 1.0], 2), ([1.0, 1.0, 0.0], 3)])
-def test_an_indefinite_matrix_has_no_inverse_here(diagonal: list[float], minor: int) -> None:
+def test_inverting_an_indefinite_matrix_is_refused(diagonal: list[float], minor: int) -> None:
     with raises(IndefiniteError, "not_positive_definite", minor=minor):
         inverse_spd(np.diag(diagonal))

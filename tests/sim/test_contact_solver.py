@@ -68,7 +68,7 @@ SCENES = [
 
 
 @pytest.mark.parametrize(("shape", "x", "doi"), SCENES)
-def test_residual_is_the_one_defined(finger: Fingertip, shape: str, x: float, doi: float) -> None:
+def test_the_contact_residual_equals_its_definition(finger: Fingertip, shape: str, x: float, doi: float) -> None:
     # Both are the same sums in another order: 1e-13 is their round-off (u / D of order one, 2 000 terms).
     result = finger.indent(shape, x, doi_mm=doi)
     again = residual_by_definition(finger, pose_of(result), result.state)
@@ -77,7 +77,9 @@ def test_residual_is_the_one_defined(finger: Fingertip, shape: str, x: float, do
     assert (result.state.multiplier >= 0).all()
 
 
-def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unfinished_contact_solve_reports_that_it_did_not_converge(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # This scene takes some 30 passes: after one the residual is large and equals the definition, not a wish.
     monkeypatch.setattr(solver, "MAX_PASSES", 1)
     height = finger.touch_height_mm("bar:3.0", 0.0) - 1.33
@@ -90,7 +92,7 @@ def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0"])
-def test_skin_left_out_of_the_region_counts_in_the_residual(
+def test_skin_that_the_solver_left_out_counts_in_the_contact_residual(
     finger: Fingertip, monkeypatch: pytest.MonkeyPatch, shape: str
 ) -> None:
     # Cut off after one pass over the few nodes deeper than 0.35 mm: the nodes around them lie within the indentor.
@@ -109,7 +111,7 @@ def test_skin_left_out_of_the_region_counts_in_the_residual(
 
 
 @pytest.mark.parametrize("factor", [0.99, 1.001, 1.0 + 1e-6])
-def test_a_perturbed_multiplier_has_a_large_residual(finger: Fingertip, factor: float) -> None:
+def test_a_perturbed_contact_force_has_a_large_residual(finger: Fingertip, factor: float) -> None:
     # One force off by δ moves its node by δ times its own compliance: seen at once by the mismatch of u.
     result = finger.indent("step:1", -1.63, doi_mm=0.73)
     multiplier = result.state.multiplier.copy()
@@ -118,7 +120,7 @@ def test_a_perturbed_multiplier_has_a_large_residual(finger: Fingertip, factor: 
     assert residual_by_definition(finger, pose_of(result), wrong) > max(1e-3 * abs(factor - 1), 2e-10)
 
 
-def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
+def test_contact_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
     result = finger.indent("step:1", -1.63, doi_mm=0.73)
     state = result.state
     fx, fy = state.force
@@ -131,7 +133,7 @@ def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
     assert (fx[state.active] >= -1e-12 * np.abs(fy).max()).all()  # the flank faces +x: its skin is pushed to +x
 
 
-def test_no_contact_above_the_skin(finger: Fingertip) -> None:
+def test_an_indentor_above_the_skin_has_no_contact(finger: Fingertip) -> None:
     height = finger.touch_height_mm("bar:3.0", 0.0)
     state = solve_contact(
         finger.model.patch, ContactPose(parse_shape("bar:3.0"), (0.0,), height + 0.01, 1e-3), between_nodes=True
@@ -150,7 +152,7 @@ def sampled_skin(skin: FingertipSurface) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("shape", ["bar:1.5", "cylinder:9", "step:1", "step:5"])
-def test_first_touch_is_the_lowest_of_all_points(
+def test_first_touch_is_where_a_dense_sampling_of_the_skin_finds_it(
     skin: FingertipSurface, sampled_skin: tuple[Array, Array], shape: str
 ) -> None:
     # Sampling misses the true touch by h″ dx² / 8, 6e-6 mm on step 1 (h″ = 12/mm) and 1e-5 on a bar's edge
@@ -166,7 +168,7 @@ def test_first_touch_is_the_lowest_of_all_points(
         assert where == pytest.approx(height, abs=1e-12)
 
 
-def test_depth_zero_is_the_continuous_skin(finger: Fingertip) -> None:
+def test_depth_zero_is_first_touch_with_the_continuous_skin(finger: Fingertip) -> None:
     # A flat shape over the apex touches at the ridge's top, not at a node. 1.5e-5 mm: the apex is the highest of
     # samples 0.02 mm apart on a radius of 3.5 mm.
     assert finger.touch_height_mm("bar:3.0", 0.0) == pytest.approx(finger.apex_height_mm, abs=1.5e-5)
@@ -179,7 +181,9 @@ def test_depth_zero_is_the_continuous_skin(finger: Fingertip) -> None:
 
 @pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])
 @pytest.mark.parametrize("profile", [Bar(0.8), SinusoidalStep("1")])
-def test_a_survey_holds_for_other_heights(profile: Bar | SinusoidalStep, lower_mm: float) -> None:
+def test_contact_candidates_found_at_one_height_hold_for_lower_ones(
+    profile: Bar | SinusoidalStep, lower_mm: float
+) -> None:
     # Of a grid of nodes; beyond 0.3 mm what was not looked at may be touched: then it looks again.
     z, x = (v.ravel() for v in np.meshgrid(np.arange(4) * 0.3, np.arange(6) * 0.17, indexing="ij"))
     position = np.stack([x, -2.0 * (x - 0.4) ** 2, z], axis=1)
@@ -209,7 +213,7 @@ class Spring:
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
 @pytest.mark.parametrize("depth", [0.001, 0.31, 1.999])
-def test_depth_of_a_prescribed_force(exponent: float, depth: float) -> None:
+def test_force_control_finds_the_depth_of_a_power_law(exponent: float, depth: float) -> None:
     spring = Spring(exponent)
     doi, state = solve_for_force(3.0 * depth**exponent, 0.3, 2.0, spring)
     assert doi == pytest.approx(depth, rel=1e-10)  # 1e-11 in force
@@ -217,7 +221,7 @@ def test_depth_of_a_prescribed_force(exponent: float, depth: float) -> None:
     assert spring.asked <= 20
 
 
-def test_a_force_beyond_the_deepest_is_refused() -> None:
+def test_a_force_beyond_the_deepest_depth_is_refused() -> None:
     with raises(ForceNotReachedError, "force_not_reached", deepest_mm=2.0):
         solve_for_force(100.0, 0.3, 2.0, Spring(1.5))
 
@@ -236,20 +240,20 @@ class Rim:
 
 
 @pytest.mark.parametrize("depth", [0.2, 0.69, 0.6999])
-def test_a_force_short_of_the_rim(depth: float) -> None:
+def test_force_control_finds_a_force_just_short_of_the_rim(depth: float) -> None:
     # The first secants look beyond 0.7 mm, are refused and come back.
     doi, _ = solve_for_force(3.0 * depth**1.5, 0.3, 2.0, Rim(0.7))
     assert doi == pytest.approx(depth, rel=1e-10)
 
 
 @pytest.mark.parametrize("fickle", [None, 1, 2, 5])
-def test_a_force_beyond_the_rim_is_refused(fickle: int | None) -> None:
+def test_force_control_refuses_a_force_beyond_the_rim(fickle: int | None) -> None:
     # Whether a depth is refused may depend on the start: the search still ends in a refusal, not short of the force.
     with raises(TooDeepError, "too_deep", reach_mm=0.7):
         solve_for_force(3.0 * 1.2**1.5, 0.3, 2.0, Rim(0.7, fickle))
 
 
-def test_a_force_that_is_jumped_over_ends_at_the_jump() -> None:
+def test_force_control_ends_unconverged_at_a_jump_over_the_force() -> None:
     # The target lies inside the jump at 0.5 mm: the search must end, at the jump.
     spring = Spring(1.5, jump_at=0.5)
     doi, state = solve_for_force(3.0 * 0.5**1.5 * 1.05, 0.3, 2.0, spring)

@@ -55,7 +55,7 @@ def small() -> ForwardOperator:
 # --- what an answer is measured by ---
 
 
-def test_three_metrics_of_one_difference() -> None:
+def test_the_three_decoding_errors_follow_their_formulas() -> None:
     found = decoding_errors(np.array([3.0, 4.0]), np.array([3.0, 2.0]))
     assert found == (pytest.approx(4 / 25), pytest.approx(2 / 5), pytest.approx(np.sqrt(2) / 4))
 
@@ -68,7 +68,7 @@ def test_three_metrics_of_one_difference() -> None:
         (np.array([0, np.inf, 0, 0, 0, 0]), "not_a_number", {"number": 2, "value": np.inf}),
     ],
 )
-def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
+def test_every_decoder_refuses_malformed_readings(
     small: ForwardOperator, reading: Array, code: str, fields: dict[str, Any]
 ) -> None:
     for decode in (
@@ -86,14 +86,14 @@ def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
 
 
 @pytest.mark.parametrize("k", [0, 1, 2])
-def test_along_a_coordinate_the_squared_error_is_that_quartic(small: ForwardOperator, k: int) -> None:
+def test_the_squared_error_along_one_pressure_is_a_quartic(small: ForwardOperator, k: int) -> None:
     pressure, reading = np.array([1.0, 0.3, 2.0]), np.arange(6.0)
     quartic = quartic_along(small, reading, pressure, k)
     for t in (-0.7, 0.0, 1.9):
         assert np.polyval(quartic, t) == pytest.approx(misfit(small, pressure + t * np.eye(3)[k], reading))
 
 
-def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: ForwardOperator) -> None:
+def test_univariate_search_zigzags_to_the_answer_of_rajus_worked_example(two: ForwardOperator) -> None:
     """Raju (1998, §6.7): [20 14] from [10 10]. It prints [24 10] first, on a coarse grid; a half-space gives 23.8."""
     found = converged_search(two, two.sed(TRUE), START, WITHIN)
     assert found.converged
@@ -110,7 +110,9 @@ def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: For
 
 
 @pytest.mark.parametrize(("step", "stuck"), [(3.0, [24.0, 9.0]), (0.01, [21.16, 12.83])])
-def test_grid_search_sticks_in_the_valley(two: ForwardOperator, step: float, stuck: list[float]) -> None:
+def test_grid_search_ends_short_of_the_answer_in_a_narrow_valley(
+    two: ForwardOperator, step: float, stuck: list[float]
+) -> None:
     """SCIENCE: steps of 0.001 of the range stick at [21.4, 12.6] on a half-space."""
     found = grid_search(two, two.sed(TRUE), START, WITHIN, step)
     assert found.converged
@@ -119,7 +121,9 @@ def test_grid_search_sticks_in_the_valley(two: ForwardOperator, step: float, stu
     assert (found.pressure != START).any()
 
 
-def test_a_search_that_is_cut_off_says_so(two: ForwardOperator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_univariate_search_that_is_cut_off_is_not_converged(
+    two: ForwardOperator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(univariate, "MOST_SWEEPS", 3)
     found = converged_search(two, two.sed(TRUE), START, WITHIN)
     assert not found.converged
@@ -129,7 +133,7 @@ def test_a_search_that_is_cut_off_says_so(two: ForwardOperator, monkeypatch: pyt
 # --- a table, a global optimiser ---
 
 
-def test_a_table_gives_its_nearest_entry(two: ForwardOperator) -> None:
+def test_the_table_decoder_returns_the_entry_of_least_misfit(two: ForwardOperator) -> None:
     coarse, fine = (table_search(two, two.sed(TRUE), WITHIN, entries, seed=1) for entries in (10, 3000))
     assert fine.misfit < 0.01 * coarse.misfit
     assert fine.misfit == pytest.approx(misfit(two, fine.pressure, two.sed(TRUE)))
@@ -141,7 +145,7 @@ def test_a_table_gives_its_nearest_entry(two: ForwardOperator) -> None:
     assert (coarse.pressure == min(drawn, key=lambda p: misfit(two, p, two.sed(TRUE)))).all()
 
 
-def test_a_global_optimiser_finds_the_truth(two: ForwardOperator) -> None:
+def test_global_search_finds_the_true_pressures(two: ForwardOperator) -> None:
     found = global_search(two, two.sed(TRUE), WITHIN, seed=3)
     assert found.converged
     assert_allclose(found.pressure, TRUE, atol=0.02)
@@ -149,7 +153,7 @@ def test_a_global_optimiser_finds_the_truth(two: ForwardOperator) -> None:
     assert found.misfit == misfit(two, found.pressure, two.sed(TRUE))
 
 
-def test_the_error_surface_is_the_misfit_at_each_pair(two: ForwardOperator) -> None:
+def test_the_error_surface_holds_the_misfit_at_each_pair_of_pressures(two: ForwardOperator) -> None:
     reading, first, second = two.sed(TRUE), np.array([0.0, 1.0, 5.0]), np.array([2.0, 3.0])
     expected = [[misfit(two, np.array([a, b]), reading) for b in second] for a in first]
     assert_allclose(error_surface(two, reading, first, second), expected)
@@ -158,7 +162,7 @@ def test_the_error_surface_is_the_misfit_at_each_pair(two: ForwardOperator) -> N
 # --- readings ---
 
 
-def test_noise_is_measured_from_receptors_at_rest() -> None:
+def test_decoding_measures_noise_from_receptors_at_rest() -> None:
     assert sd_at_rest(np.array([1.0, 2.0, 3.0])) == pytest.approx(1.0)
     for bad in (np.array([1.0, 2.0]), np.array([1.0, 2.0, np.nan])):
         with raises(DecodingError, "too_few_at_rest", readings=len(bad), fewest=3):
@@ -193,7 +197,7 @@ def _profile(two: ForwardOperator, snr_db: float, seed: int, true: Array = TRUE)
     return decode_profile(two, Readings.of_sed(said.rate, said.noise_sd))
 
 
-def test_bayes_minimises_its_cost_as_scipy_does(small: ForwardOperator) -> None:
+def test_the_bayes_decoder_reaches_the_same_minimum_as_scipy(small: ForwardOperator) -> None:
     true = np.array([2.0, 0.0, 1.0])
     reading = small.sed(true) + 0.3 * np.random.default_rng(1).normal(size=6)
     readings = Readings(reading, 0.3, np.array([False, True, False, False, False, False]))
@@ -210,7 +214,7 @@ def test_bayes_minimises_its_cost_as_scipy_does(small: ForwardOperator) -> None:
     assert_allclose(found.pressure, other.x, atol=2e-3)  # a flat bottom: 1e-7 in cost is 1e-3 in place
 
 
-def test_pressures_are_never_negative_and_the_band_holds_them(two: ForwardOperator) -> None:
+def test_bayes_pressures_are_never_negative_and_lie_in_their_band(two: ForwardOperator) -> None:
     true = np.array([12.0, 0.0])
     found = _profile(two, 5.0, 4, true)
     low, high = found.band()
@@ -220,7 +224,7 @@ def test_pressures_are_never_negative_and_the_band_holds_them(two: ForwardOperat
     assert_allclose(found.band(1.0)[0], np.maximum(0.0, found.pressure - found.sd))
 
 
-def test_the_band_widens_with_noise_and_with_the_models_error(two: ForwardOperator) -> None:
+def test_the_bayes_band_widens_with_noise_and_with_model_error(two: ForwardOperator) -> None:
     quiet, loud = (_profile(two, snr, 0) for snr in (40.0, 20.0))
     assert (loud.sd > quiet.sd).all()
     readings = Readings.of_sed(two.sed(TRUE), 1e-4 * two.sed(TRUE).max())
@@ -234,7 +238,7 @@ def test_the_band_widens_with_noise_and_with_the_models_error(two: ForwardOperat
     assert_allclose(everywhere.sd / TRUE, 0.02, rtol=0.02)
 
 
-def test_band_covers_two_samples_as_often_as_stated(two: ForwardOperator) -> None:
+def test_the_bayes_band_covers_two_pressures_as_often_as_stated(two: ForwardOperator) -> None:
     rng, held = np.random.default_rng(6), []
     for seed in range(40):
         true = rng.uniform(5.0, 30.0, 2)
@@ -286,7 +290,9 @@ def four() -> ForwardOperator:
 # --- receptors anywhere ---
 
 
-def test_scattered_receptors_equal_even_ones(sampled: SampledSection, scattered: ReceptorSection) -> None:
+def test_scattered_receptors_have_the_strain_of_evenly_spaced_ones(
+    sampled: SampledSection, scattered: ReceptorSection
+) -> None:
     assert_allclose(scattered.strain_per_node[:, 1], sampled.strain_per_node[:, 0])
     assert_allclose(scattered.place_mm, [1.1, -2.04, 0.4])
     assert scattered.material == sampled.material
@@ -297,7 +303,7 @@ def test_scattered_receptors_equal_even_ones(sampled: SampledSection, scattered:
 
 
 @pytest.mark.parametrize(("place", "depth"), [(-3.0, 0.5), (0.0, 0.76), (2.0, 1.5), (5.7, 0.3)])
-def test_place_above_inverts_point_below(place: float, depth: float) -> None:
+def test_the_skin_place_above_a_point_inverts_the_point_below_a_place(place: float, depth: float) -> None:
     line = skin_of(COARSE)
     x_mm = line.below(line.angles(place), depth)[0, 0]
     assert line.above(x_mm, depth) == pytest.approx(place, abs=1e-5)  # linear in a table of 2001 places
@@ -313,7 +319,7 @@ def test_receptors_in_two_layers_are_refused() -> None:
 # --- operators ---
 
 
-def test_few_pressures_stand_for_lines_between_them(sampled: SampledSection) -> None:
+def test_pressures_at_few_places_are_interpolated_linearly(sampled: SampledSection) -> None:
     few = np.array([-1.7, 0.0, 1.7])
     operator = normal_influence(sampled, few, 0.17, "finite")
     fine = np.linspace(-1.7, 1.7, 21)
@@ -325,7 +331,7 @@ def test_few_pressures_stand_for_lines_between_them(sampled: SampledSection) -> 
     assert operator.parts.shape == (4, 25, 3)
 
 
-def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
+def test_sampled_pressures_carry_the_force_of_the_nodes() -> None:
     borne = ContactPressure(np.array([-0.3, 0.0, 0.3]), np.full(3, 0.3), np.array([6.0, 12.0, 0.0]), np.zeros(3))
     means = borne.means(np.array([-0.375, -0.225, -0.075, 0.075, 0.225]))
     assert_allclose(means, [6.0, 6.0, 12.0, 12.0, 0.0])
@@ -340,7 +346,7 @@ def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
 # --- readings ---
 
 
-def test_noisy_rates_near_nothing_are_taken_together() -> None:
+def test_noisy_rates_near_zero_count_as_silent() -> None:
     receptor, sd = Receptor(2.0, 3.0), 0.5
     rate = np.array([0.0, QUIET_SD * sd, QUIET_SD * sd + 0.01, 8.0])
     readings = Readings.of_noisy_rates(rate, receptor, sd)
@@ -375,14 +381,14 @@ ANSWERS = {(30.0, 1.0): 10.0, (32.0, 1.0): 9.0, (28.0, 1.0): 17.0, (30.0, 1.5): 
     ("gain_se", "threshold_se", "sd"),
     [(0.0, 0.0, 3.0), (2.0, 0.0, 5.0), (0.0, 0.5, np.hypot(3.0, 12.0)), (2.0, 0.5, 13.0)],
 )
-def test_a_band_carries_what_the_receptors_errors_move(gain_se: float, threshold_se: float, sd: float) -> None:
+def test_the_band_includes_the_errors_of_the_receptor_fit(gain_se: float, threshold_se: float, sd: float) -> None:
     found = decode_through(FittedReceptor(Receptor(30.0, 1.0), gain_se, threshold_se), _told(ANSWERS))
     assert_allclose(found.pressure, [10.0])
     assert_allclose(found.sd, [sd])
     assert found.converged
 
 
-def test_a_gain_wrong_by_a_share_makes_pressures_wrong_by_half_of_it(four: ForwardOperator) -> None:
+def test_a_relative_error_of_the_gain_halves_in_the_pressures(four: ForwardOperator) -> None:
     """SED is a quadratic of the pressures: R = k S says P to half the relative error of k."""
     true, k = np.array([20.0, 14.0]), 30.0
     rate = k * four.sed(true)

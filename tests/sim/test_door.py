@@ -18,7 +18,7 @@ from tests.error_codes import raises
 ROOT = Path(__file__).parents[2]
 
 
-def test_every_public_name_is_importable() -> None:
+def test_every_public_name_of_sim_is_importable() -> None:
     assert sim.__version__ == version("indentation-rig")
     assert set(sim.__all__) <= set(dir(sim))
     for name in sim.__all__:
@@ -55,7 +55,7 @@ reveal_type(__version__)
 
 
 @pytest.mark.study  # `make check` types what is behind the door
-def test_a_type_checker_without_plugins_agrees_with_the_gallery_and_warns(tmp_path: Path) -> None:
+def test_a_type_checker_without_plugins_accepts_the_gallery_and_finds_misuse(tmp_path: Path) -> None:
     right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
     right.write_text(USER)
     wrong.write_text("from sim import MeshSpec, Tissue\nTissue(epidermis=0.3)\nMeshSpec(level='finest')\n")
@@ -73,7 +73,7 @@ def test_a_type_checker_without_plugins_agrees_with_the_gallery_and_warns(tmp_pa
 
 @pytest.mark.parametrize("name", ["x_mm", "z_mm", "doi_mm", "force_gwt"])
 @pytest.mark.parametrize("value", [np.array([0.2, 0.3]), "0.2"])
-def test_a_press_takes_one_number_of_each(halfspace: Fingertip, name: str, value: Any) -> None:
+def test_a_press_refuses_arrays_and_texts_for_its_numbers(halfspace: Fingertip, name: str, value: Any) -> None:
     given = {"x_mm": 0.0, name: value} | ({} if name in ("doi_mm", "force_gwt") else {"doi_mm": 0.2})
     for call in (lambda: halfspace.indent("bar:3.0", **given), lambda: choose("bar:3.0", **given)):
         with raises(ArgumentError, "not_a_number", name=name, kind=type(value).__name__):
@@ -81,7 +81,7 @@ def test_a_press_takes_one_number_of_each(halfspace: Fingertip, name: str, value
 
 
 @pytest.mark.parametrize("value", [np.float32(0.2), np.int64(1)])
-def test_a_number_is_one_of_any_kind(halfspace: Fingertip, value: Any) -> None:
+def test_a_press_accepts_numpy_numbers(halfspace: Fingertip, value: Any) -> None:
     assert halfspace.indent("sphere:4", doi_mm=value).force_gwt > 0
 
 
@@ -100,21 +100,25 @@ TISSUE: Any = Tissue()
         (lambda simple: to_pandas(simple.indent("sphere:4", doi_mm=0.2)), "no_table", "IndentationResult"),
     ],
 )
-def test_a_wrong_kind_is_named(halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str) -> None:
+def test_an_argument_of_a_wrong_type_is_refused_by_its_type(
+    halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str
+) -> None:
     with raises(ArgumentError, code, kind=kind):
         call(halfspace)
 
 
 @pytest.mark.parametrize(("tolerance", "quantities"), [(0.0, ()), (1.0, ()), (float("nan"), ()), (0.1, ("s33",))])
-def test_an_aim_is_a_share_of_named_quantities(tolerance: float, quantities: tuple[str, ...]) -> None:
+def test_an_aim_refuses_an_impossible_tolerance_or_unknown_quantity(
+    tolerance: float, quantities: tuple[str, ...]
+) -> None:
     with raises(ModelRangeError, "unknown_quantity" if quantities else "bad_tolerance"):
         Aim(quantities or ("force",), tolerance)
 
 
-def test_an_unknown_model_is_told_with_the_known_ones() -> None:
+def test_an_unknown_model_is_refused_with_the_known_ones() -> None:
     with raises(ArgumentError, "unknown_model", known="halfspace, section, finger"):
         load("fingr")  # type: ignore[arg-type]
 
 
-def test_one_quantity_needs_no_tuple() -> None:
+def test_an_aim_accepts_one_quantity_without_a_tuple() -> None:
     assert Aim("force") == Aim(("force",))  # type: ignore[arg-type]

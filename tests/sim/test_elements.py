@@ -94,7 +94,7 @@ def patch_test(nodes: Array, hexes: Ints, inner: Ints, element: Element, poisson
 
 @pytest.mark.parametrize("poisson", [0.25, 0.48])
 @pytest.mark.parametrize("element", ELEMENTS)
-def test_patch_test_to_round_off(element: Element, poisson: float) -> None:
+def test_every_element_passes_the_patch_test_to_round_off(element: Element, poisson: float) -> None:
     patch_test(*mesh_for(element), element, poisson)
 
 
@@ -111,7 +111,7 @@ def test_strain_of_a_linear_field_is_exact(element: Element) -> None:
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
-def test_stress_of_the_patch_is_that_of_the_source(element: Element) -> None:
+def test_the_energy_of_the_patch_test_is_that_of_macneal_and_harder(element: Element) -> None:
     # MacNeal & Harder: E = 1e6, ν = 0.25, exact stresses 2000 (normal) and 400 (shear). The strain energy of a unit
     # cube in that state is ½ (3 · 2000 + 3 · 400) · 1e-3 = 3.6.
     nodes, hexes, _ = mesh_for(element)
@@ -131,7 +131,7 @@ def test_elements_fifty_times_longer_than_thick_pass_the_patch_test(
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
-def test_six_zero_modes_and_symmetry(element: Element) -> None:
+def test_every_element_stiffness_is_symmetric_with_six_zero_modes(element: Element) -> None:
     # Rigid motions only. The softest deforming mode of the distorted elements is 5e-4 of the stiffest one (of 27
     # nodes 2e-5; ν = 0.48 puts a factor 25 between κ and μ); rigid motions are at 1e-16, where an hourglass mode
     # would be. Bubbles with the mean dilatation alone have three of these on a brick, and none when it is distorted.
@@ -146,7 +146,7 @@ def test_six_zero_modes_and_symmetry(element: Element) -> None:
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
-def test_bending_of_a_brick(element: Element) -> None:
+def test_each_element_bends_with_its_theoretical_stiffness(element: Element) -> None:
     # Plane strain, e11 = y, side faces free: ½ E/(1 − ν²) a unit of y². Eight nodes shear instead of bending
     # (e12 = x) and cannot bulge: full integration has (λ + 2μ) y² + μ x², B-bar 4/3 μ y² + μ x². Bubbles and 27
     # nodes are exact.
@@ -206,7 +206,7 @@ def between(ends: Array, order: int) -> Array:
     return np.interp(np.arange(order * (len(ends) - 1) + 1) / order, np.arange(len(ends)), ends)
 
 
-def test_nearly_incompressible_bbar_does_not_lock_where_full_does() -> None:
+def test_bbar_elements_do_not_lock_near_incompressibility_where_full_integration_does() -> None:
     # Exact by Lamé (5.0623e-3 for ν = 0.4999, as MacNeal & Harder print). Measured: full integration 0.845 of it at
     # ν = 0.49, 0.053 at 0.4999; B-bar 0.993 at both, with bubbles 0.986. 1.5 %: ten-degree facets, five elements in
     # the radius. Of 27 nodes 0.99997 at both: the facets are parabolas.
@@ -220,7 +220,7 @@ def test_nearly_incompressible_bbar_does_not_lock_where_full_does() -> None:
 
 
 @pytest.mark.parametrize("at", [HEX8, HEX27])
-def test_shape_functions(at: Array) -> None:
+def test_shape_functions_are_one_at_their_node_and_have_exact_gradients(at: Array) -> None:
     # 1 at their own node and 0 at the others; gradients against central differences, whose error is h² ~ 1e-10 times
     # third derivatives of order one, and round-off 1e-16 / h.
     np.testing.assert_allclose(shape_functions(len(at), at)[0], np.eye(len(at)), rtol=0, atol=1e-15)
@@ -234,7 +234,7 @@ def test_shape_functions(at: Array) -> None:
 
 
 @pytest.mark.parametrize("element", ["bbar", "quadratic"])
-def test_a_point_is_found_in_its_element(element: Element) -> None:
+def test_local_coordinates_of_a_point_in_an_element_are_recovered(element: Element) -> None:
     nodes, hexes, _ = mesh_for(element)
     for corners, local in zip(nodes[hexes], np.random.default_rng(7).uniform(-1, 1, (7, 3)), strict=True):
         point = shape_functions(len(corners), local)[0] @ corners

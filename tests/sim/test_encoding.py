@@ -37,7 +37,9 @@ def plain() -> ForwardOperator:
 
 
 @pytest.mark.parametrize("energy", ["incompressible", "finite"])
-def test_convolution_is_the_full_one_of_the_block_diagram(responses: ImpulseResponses, energy: Energy) -> None:
+def test_the_convolution_operator_agrees_with_numpy_and_rajus_block_diagram(
+    responses: ImpulseResponses, energy: Energy
+) -> None:
     """Raju (1998), Fig. 6-6, by numpy's own convolution."""
     pressure = np.array([20.0, 14.0, 0.0, 3.0])
     h, g, f = (np.convolve(pressure, response) for response in responses.strain)
@@ -50,7 +52,7 @@ def test_convolution_is_the_full_one_of_the_block_diagram(responses: ImpulseResp
     assert_allclose(operator.receptor_mm, 0.17 * (np.arange(8) - 3.5))
 
 
-def test_slope_and_adjoint_are_the_derivatives(responses: ImpulseResponses) -> None:
+def test_slope_and_adjoint_of_an_operator_are_its_derivatives(responses: ImpulseResponses) -> None:
     operator = convolution(responses, 3, "finite")
     pressure, weight, step = np.array([1.0, 2.0, -0.5]), np.arange(7.0), 1e-6
     steps = step * np.eye(3)
@@ -61,7 +63,7 @@ def test_slope_and_adjoint_are_the_derivatives(responses: ImpulseResponses) -> N
 
 
 @pytest.mark.parametrize("shape", ["cylinder:3", "step:1"])
-def test_influence_gives_what_the_press_gives(section: SampledSection, shape: str) -> None:
+def test_the_influence_operator_reproduces_the_sed_of_a_press(section: SampledSection, shape: str) -> None:
     """Finite elements twice, by the press and node by node: the same to round-off, lateral forces and all."""
     found = section.finger.indent(shape, 0.3, doi_mm=0.5)
     borne = contact_pressure(section, found)
@@ -74,7 +76,7 @@ def test_influence_gives_what_the_press_gives(section: SampledSection, shape: st
     assert_allclose(operator.receptor_mm, section.sampling.place_mm)
 
 
-def test_where_nothing_depends_on_the_place_influence_is_convolution(section: SampledSection) -> None:
+def test_under_one_central_load_influence_equals_convolution(section: SampledSection) -> None:
     """One load in the middle: the two operators are the same there, and only there."""
     responses = impulse_responses(section)
     one = influence(section, np.array([0.0]), np.array([0.17]), "incompressible")
@@ -83,7 +85,7 @@ def test_where_nothing_depends_on_the_place_influence_is_convolution(section: Sa
     assert aside.max() > 0.1 * one.sed(np.array([30.0, 0.0])).max()  # pulled aside it is felt as well
 
 
-def test_a_press_of_one_energy_is_not_one_of_the_other(section: SampledSection) -> None:
+def test_finite_and_incompressible_sed_of_a_press_differ(section: SampledSection) -> None:
     """SCIENCE: they differ by 7 to 19 % in plane strain."""
     found = section.finger.indent("cylinder:9", 0.0, doi_mm=0.5)
     strain = section.line.in_axes(found.receptor_strain, section.line.angles(section.sampling.place_mm))
@@ -95,7 +97,7 @@ def test_a_press_of_one_energy_is_not_one_of_the_other(section: SampledSection) 
 # --- receptors and noise ---
 
 
-def test_the_noise_has_the_ratio_to_the_signals_variance() -> None:
+def test_added_noise_has_the_requested_signal_to_noise_ratio() -> None:
     signal = np.array([0.0, 2.0, 4.0, 2.0])  # variance 2
     assert noise_sd(signal, 0.0) == pytest.approx(np.sqrt(2.0))
     assert noise_sd(signal, 20.0) == pytest.approx(np.sqrt(0.02))

@@ -69,21 +69,23 @@ def edges(at: InPlane) -> tuple[float, float, str]:
     return left, right, f"left {left:.2f}, right {right:.2f}, middle {middle:.0f}, raw {np.round(at.pressure)}"
 
 
-def test_bar_at_033_touches_neither_edge(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_0_33_mm_touches_with_neither_edge(bar: dict[float, InPlane]) -> None:
     # Raju (1998): no edge in contact at DOI 0.33 mm.
     left, right, shown = edges(bar[0.33])
     assert left == 0.0, shown
     assert right == 0.0, shown
 
 
-def test_bar_at_067_touches_the_left_edge_only(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_0_67_mm_touches_with_its_left_edge_only(bar: dict[float, InPlane]) -> None:
     # Raju (1998): the pad leans, so that the left edge comes first.
     left, right, shown = edges(bar[0.67])
     assert left > 1.1, shown
     assert right < 0.9, shown
 
 
-def test_bar_at_100_touches_left_fully_and_right_slightly(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_1_mm_touches_fully_with_its_left_edge_and_slightly_with_its_right(
+    bar: dict[float, InPlane],
+) -> None:
     # Raju (1998). "Slightly": the right edge presses harder than the middle, but less than the left one, and in the
     # source's own display, after the filter, it does not yet stand out while the left one does.
     left, right, shown = edges(bar[1.0])
@@ -96,7 +98,7 @@ def test_bar_at_100_touches_left_fully_and_right_slightly(bar: dict[float, InPla
     assert filtered[half:].max() < 1.05 * middle, shown
 
 
-def test_bar_at_133_has_sharp_peaks_at_both_edges(bar: dict[float, InPlane]) -> None:
+def test_a_bar_pressed_1_33_mm_has_sharp_pressure_peaks_at_both_edges(bar: dict[float, InPlane]) -> None:
     # Raju (1998). "Sharp": more than twice the middle, and after the filter still a peak by the measure of DOI 1.0:
     # 1.05 of the middle separates the edge that stands out there from the one that does not.
     left, right, shown = edges(bar[1.33])
@@ -123,7 +125,7 @@ def test_contact_is_never_wider_than_the_bar(bar: dict[float, InPlane], finger: 
 
 
 @pytest.mark.parametrize("x", [-0.085, 0.085])
-def test_bar_verdicts_do_not_hang_on_one_lucky_position(finger: Fingertip, x: float) -> None:
+def test_bar_edge_contacts_are_the_same_half_a_sample_to_either_side(finger: Fingertip, x: float) -> None:
     # Half an element to either side of the centre the raw verdicts are the same.
     seen = {d: edges(InPlane.of(finger.indent("bar:3.0", x, doi_mm=d))) for d in (0.33, 0.67, 1.0, 1.33)}
     verdict = {d: (left > 1, right > 1) for d, (left, right, _) in seen.items()}
@@ -214,7 +216,7 @@ def test_step_1_peak_grows_under_the_convex_part(step_1: Pass) -> None:
     assert (np.diff(rising) > 0).all(), rising
 
 
-def test_step_1_parts_the_contact_in_two(step_1: Pass) -> None:
+def test_step_1_splits_the_contact_in_two(step_1: Pass) -> None:
     # Raju (1998): from x = −1.63 on two disconnected regions, until the left one vanishes; never more than two.
     shown = list(zip(step_1.x_mm.round(2), step_1.regions, strict=True))
     after = step_1.regions[step_1.x_mm <= -1.63]
@@ -238,7 +240,7 @@ def test_step_1_concave_part_never_touches(step_1: Pass) -> None:
         assert not ((s > length / 2) & (s < length)).any(), x
 
 
-def test_step_1_ends_as_it_began(step_1: Pass) -> None:
+def test_step_1_ends_with_the_pressure_it_began_with(step_1: Pass) -> None:
     # Raju (1998): finally the flat again, now the upper one, with the same pressure as at the start. The same flat on
     # the same nodes: equal to the residuals, 1e-8, plus what the force's tolerance leaves.
     first, last = step_1.results[0], step_1.results[-1]
@@ -253,7 +255,7 @@ def test_step_1_ends_as_it_began(step_1: Pass) -> None:
 # ------------------------------------------------------------------------------------------------- fact 3
 
 
-def test_step_5_is_gentle_and_never_parts(finger: Fingertip) -> None:
+def test_step_5_stays_below_1000_pseudo_units_with_one_contact_region(finger: Fingertip) -> None:
     # Raju (1998): with a half-wavelength of 3.134 mm the peak stays below 1 000 pseudo-units at 2.33 gwt, and there
     # are never two regions. Raw values of all nodes: no filter can hide a peak.
     passed = moved(finger, "step:5", SPACING_MM)
@@ -266,7 +268,7 @@ def test_step_5_is_gentle_and_never_parts(finger: Fingertip) -> None:
 # ------------------------------------------------------------------------------------------------- fact 4
 
 
-def test_sed_at_the_ten_receptors_has_two_peaks_and_one(finger: Fingertip) -> None:
+def test_sed_under_step_1_has_two_peaks_by_depth_and_one_by_force(finger: Fingertip) -> None:
     # Raju (1998) at his own receptors, by the rule of 5 % of the shape test for bars (`docs/statistics.md`): two
     # at DOI 0.73, the second by 22 %; one at 2.33 gwt, where a second stands out by 4.8 % only.
     for target, number in (({"doi_mm": 0.73}, 2), ({"force_gwt": 2.33}, 1)):

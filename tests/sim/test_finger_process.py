@@ -58,7 +58,7 @@ def never_ends(finger: Fingertip) -> None:
     signal.sigwait({signal.SIGALRM})
 
 
-def test_finger_process_answers_to_the_bit_as_the_finger(process: FingerProcess, finger: Fingertip) -> None:
+def test_a_finger_process_answers_bit_for_bit_as_the_finger(process: FingerProcess, finger: Fingertip) -> None:
     for shape, doi_mm in (("bar:3.0", 0.4), ("step:1", 0.7)):
         here = asked(finger, force_gwt, shape, doi_mm=doi_mm)
         assert (
@@ -78,7 +78,7 @@ def test_finger_process_answers_to_the_bit_as_the_finger(process: FingerProcess,
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_error_in_the_process_is_raised_in_the_caller(process: FingerProcess, error: Exception) -> None:
+def test_an_error_in_a_finger_process_is_raised_in_the_caller(process: FingerProcess, error: Exception) -> None:
     with pytest.raises(type(error)) as raised:
         process.ask(refused, error)
     assert raised.value.args == error.args
@@ -87,7 +87,7 @@ def test_error_in_the_process_is_raised_in_the_caller(process: FingerProcess, er
     assert process.ask(force_gwt, "bar:3.0", doi_mm=0.4) > 0, "and it goes on"
 
 
-def test_records_of_the_process_are_logged_in_the_caller(
+def test_log_records_of_a_finger_process_are_logged_in_the_caller(
     process: FingerProcess, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.DEBUG, "sim"):
@@ -96,14 +96,14 @@ def test_records_of_the_process_are_logged_in_the_caller(
     assert said == [(logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")]
 
 
-def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
+def test_terminal_signals_do_not_reach_a_finger_process(process: FingerProcess) -> None:
     about = process.ask(about_itself)
     assert about["session"] == about["pid"] == process.pid != os.getsid(0)
     assert about["blocked"] == 0, "it can be terminated"
     assert set(about["handlers"].values()) == {signal.SIG_IGN}
 
 
-def test_lost_process_is_reported_and_started_again(finger: Fingertip) -> None:
+def test_a_lost_finger_process_is_reported_and_started_again(finger: Fingertip) -> None:
     with FingerProcess(finger.config) as process:
         first = process.pid
         with raises(FingerLostError, "finger_lost", how="exit code 3"):
@@ -116,7 +116,7 @@ def test_lost_process_is_reported_and_started_again(finger: Fingertip) -> None:
             process.ask(about_itself)
 
 
-def test_interrupted_question_never_answers_the_next(finger: Fingertip) -> None:
+def test_an_interrupted_request_to_a_finger_process_never_answers_the_next(finger: Fingertip) -> None:
     def ctrl_c(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -136,7 +136,9 @@ def test_interrupted_question_never_answers_the_next(finger: Fingertip) -> None:
         signal.signal(signal.SIGALRM, before)
 
 
-def test_unloadable_finger_is_an_error_at_every_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_finger_that_cannot_be_loaded_is_an_error_at_every_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "file"))
     with FingerProcess(FingertipConfig()) as process:
@@ -145,7 +147,7 @@ def test_unloadable_finger_is_an_error_at_every_question(tmp_path: Path, monkeyp
                 process.ask(about_itself)
 
 
-def test_closed_process_is_gone(finger: Fingertip) -> None:
+def test_a_closed_finger_process_is_gone(finger: Fingertip) -> None:
     process = FingerProcess(finger.config)
     pid = process.pid
     process.close()
@@ -168,7 +170,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=lambda number: number.name)
-def test_process_ends_with_its_owner_during_a_question(number: signal.Signals) -> None:
+def test_a_finger_process_ends_with_its_owner_during_a_request(number: signal.Signals) -> None:
     words = [sys.executable, "-c", OWNER]
     with Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as owner:
         assert owner.stdout is not None

@@ -15,9 +15,7 @@ from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
 
-def test_a_model_from_disk_answers_as_the_one_just_made(
-    coarse_config: FingertipConfig, tmp_path_factory: Any
-) -> None:
+def test_a_cached_model_answers_as_the_one_just_made(coarse_config: FingertipConfig, tmp_path_factory: Any) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("models")))
         made, read = (Fingertip.load(coarse_config) for _ in range(2))
@@ -52,7 +50,7 @@ def test_a_model_from_disk_answers_as_the_one_just_made(
         ),
     ],
 )
-def test_scenes_outside_the_model_are_refused(
+def test_presses_outside_the_range_of_the_model_are_refused(
     unwidened: Fingertip, shape: str, x: float, target: dict[str, Any], code: str, fields: dict[str, Any]
 ) -> None:
     with raises(ModelRangeError, code, **fields):
@@ -71,7 +69,7 @@ def test_contact_at_the_ends_of_the_patch_is_refused() -> None:
         finger.indent("bar:3.0", 0.0, doi_mm=1.0)
 
 
-def test_depth_from_the_apex(finger: Fingertip) -> None:
+def test_depth_from_the_apex_exceeds_depth_from_first_touch_by_the_fall_of_the_skin(finger: Fingertip) -> None:
     # Raju (1998) measures depth from the topmost point: off centre that is deeper by what the skin has fallen.
     x = 1.5
     fallen = finger.apex_height_mm - finger.touch_height_mm("bar:1.5", x)
@@ -81,7 +79,7 @@ def test_depth_from_the_apex(finger: Fingertip) -> None:
     assert source.force_n == pytest.approx(ours.force_n, rel=1e-6)
 
 
-def test_pressure_carries_the_force(finger: Fingertip) -> None:
+def test_nodal_pressures_sum_to_the_force(finger: Fingertip) -> None:
     # Σ p A over the patch is the sum of the normal forces; on a flat shape that is the force itself, in pseudo-units
     # E(epidermis) = 10 000.
     result = finger.indent("bar:3.0", 0.0, doi_mm=0.33)
@@ -98,7 +96,7 @@ def test_pressure_carries_the_force(finger: Fingertip) -> None:
 
 
 @pytest.mark.parametrize(("shape", "doi"), [("cylinder:9", 0.4), ("cylinder:9", 0.67), ("cylinder:3", 0.67)])
-def test_the_width_of_smooth_contact_does_not_go_by_nodes(finger: Fingertip, shape: str, doi: float) -> None:
+def test_the_width_of_smooth_contact_does_not_jump_by_nodes(finger: Fingertip, shape: str, doi: float) -> None:
     # Moved by less than an element (0.17 mm), nodes alone jump by up to 0.17 mm; measured 0.02 to 0.04 mm.
     widths = []
     for x in np.arange(8) * 0.17 / 8:
@@ -107,7 +105,7 @@ def test_the_width_of_smooth_contact_does_not_go_by_nodes(finger: Fingertip, sha
     assert np.ptp(widths) < 0.05, widths
 
 
-def test_the_stored_stiffness_is_what_the_calibration_gives(finger: Fingertip) -> None:
+def test_the_stored_stiffness_is_that_of_the_calibration(finger: Fingertip) -> None:
     # Raju (1998): step 1 at x = −1.63 mm, DOI 0.73 mm stands for 8 gwt; stored to six decimals.
     force = finger.indent("step:1", -1.63, doi_mm=0.73).state.normal_force
     assert pytest.approx(8 * 9.80665e-3 / force, abs=1e-6) == E_EPIDERMIS_MPA

@@ -69,7 +69,7 @@ def test_every_press_obeys_coulombs_law(coarse_finger: Fingertip, shape: str, fr
 
 
 @pytest.mark.parametrize("shape", ["step:1", "line", "sphere:4", "bar:2.0,turn_deg=30"])
-def test_hardly_any_friction_is_none(coarse_finger: Fingertip, shape: str) -> None:
+def test_vanishing_friction_equals_frictionless_contact(coarse_finger: Fingertip, shape: str) -> None:
     smooth = coarse_finger.indent(shape, **SHAPES[shape])
     result = coarse_finger.indent(shape, friction=1e-11, **SHAPES[shape])
     assert result.force_n == pytest.approx(smooth.force_n, rel=1e-9)
@@ -77,7 +77,7 @@ def test_hardly_any_friction_is_none(coarse_finger: Fingertip, shape: str) -> No
     np.testing.assert_allclose(result.receptor_strain, strain, rtol=0, atol=1e-9 * np.abs(strain).max())
 
 
-def test_none_needs_no_other_model(coarse_config: FingertipConfig) -> None:
+def test_zero_friction_equals_a_frictionless_press_and_builds_no_model(coarse_config: FingertipConfig) -> None:
     fresh = load("finger", coarse_config, cached=False)
     one, other = fresh.indent("bar:1.5", doi_mm=0.2), fresh.indent("bar:1.5", doi_mm=0.2, friction=0.0)
     assert type(other) is type(one)
@@ -111,7 +111,7 @@ def bonded(patch: Patch, pose: ContactPose, before: FrictionState) -> np.ndarray
     raise AssertionError("no set of nodes bonds")
 
 
-def test_boundless_friction_bonds(coarse_finger: Fingertip) -> None:
+def test_unlimited_friction_equals_bonded_contact(coarse_finger: Fingertip) -> None:
     section = load("section", coarse_finger.config)
     patch, shape = section.model.patch, parse_shape("cylinder:9")
     height = section.touch_height_mm(shape, 0.0)
@@ -125,14 +125,14 @@ def test_boundless_friction_bonds(coarse_finger: Fingertip) -> None:
 
 
 @pytest.mark.parametrize("shape", ["bar:3.0", "cylinder:9", "sphere:4"])
-def test_smaller_increments_give_the_same(coarse_finger: Fingertip, shape: str) -> None:
+def test_a_press_with_friction_does_not_depend_on_the_increment(coarse_finger: Fingertip, shape: str) -> None:
     long, short = (coarse_finger.indent(shape, doi_mm=0.3, friction=0.3, increment_mm=s) for s in (0.05, 0.002))
     assert short.state.converged
     assert short.force_n == pytest.approx(long.force_n, rel=2e-3)
     np.testing.assert_allclose(short.receptor_measures["sed"], long.receptor_measures["sed"], rtol=0.02)
 
 
-def test_a_press_goes_on_where_it_was(coarse_finger: Fingertip) -> None:
+def test_a_press_with_friction_continues_from_a_stored_state(coarse_finger: Fingertip) -> None:
     whole = coarse_finger.indent("bar:3.0", doi_mm=0.5, friction=0.3)
     half = pickle.loads(pickle.dumps(coarse_finger.indent("bar:3.0", doi_mm=0.25, friction=0.3)))
     rest = coarse_finger.indent("bar:3.0", doi_mm=0.5, friction=0.3, start=half.state)
@@ -140,7 +140,7 @@ def test_a_press_goes_on_where_it_was(coarse_finger: Fingertip) -> None:
     np.testing.assert_allclose(rest.receptor_strain, whole.receptor_strain, rtol=0, atol=1e-8)
 
 
-def test_unloading_takes_another_path(coarse_finger: Fingertip) -> None:
+def test_unloading_with_friction_takes_another_path_than_loading(coarse_finger: Fingertip) -> None:
     # less force where the skin, on its way out, is held by friction the other way; none after the last touch
     up = [coarse_finger.indent("sphere:4", doi_mm=d, friction=0.3) for d in (0.2, 0.4)]
     down = coarse_finger.indent("sphere:4", doi_mm=0.2, friction=0.3, start=up[1].state)
@@ -150,14 +150,14 @@ def test_unloading_takes_another_path(coarse_finger: Fingertip) -> None:
     assert off.force_n < 1e-6 * up[0].force_n
 
 
-def test_a_force_is_reached(coarse_finger: Fingertip) -> None:
+def test_force_control_with_friction_reaches_the_force(coarse_finger: Fingertip) -> None:
     by_force = coarse_finger.indent("cylinder:9", force_gwt=4.0, friction=0.3)
     by_depth = coarse_finger.indent("cylinder:9", doi_mm=by_force.doi_mm, friction=0.3)
     assert by_force.force_gwt == pytest.approx(4.0, rel=1e-9)
     assert by_depth.force_gwt == pytest.approx(4.0, rel=2e-3)  # in increments of another length
 
 
-def test_sliding_shears_the_skin_along(coarse_finger: Fingertip) -> None:
+def test_a_dragged_indentor_shears_the_skin_by_the_friction_force(coarse_finger: Fingertip) -> None:
     pressed = coarse_finger.with_friction(0.3)
     from_left, from_right = (pressed.drag("cylinder:9", [sign * 0.8, 0.0, sign * 0.2], 0.3) for sign in (-1, 1))
     assert all(one.state.converged for one in (*from_left, *from_right))
@@ -168,7 +168,7 @@ def test_sliding_shears_the_skin_along(coarse_finger: Fingertip) -> None:
     assert from_left[2].shear_force_n[0] < arrived.shear_force_n[0]  # sideways unloading
 
 
-def test_order_matters_only_without_lifting(coarse_finger: Fingertip) -> None:
+def test_the_order_of_presses_with_friction_matters_only_without_lifting(coarse_finger: Fingertip) -> None:
     where = [0.4, -0.2, 0.1]
     lifted, back = (
         press_profile(coarse_finger, "cylinder:9", x, doi_mm=0.3, friction=0.3) for x in (where, where[::-1])
@@ -193,13 +193,15 @@ def test_order_matters_only_without_lifting(coarse_finger: Fingertip) -> None:
         ({"friction": 0.3, "other_paths": True}, "friction_with_other_paths"),
     ],
 )
-def test_bad_friction_is_refused(coarse_finger: Fingertip, options: dict[str, Any], code: str) -> None:
+def test_an_impossible_friction_coefficient_is_refused(
+    coarse_finger: Fingertip, options: dict[str, Any], code: str
+) -> None:
     with pytest.raises(SimError) as caught:
         coarse_finger.indent("bar:3.0", doi_mm=0.3, **options)
     assert caught.value.code == code
 
 
-def test_starts_and_orders_that_are_refused(coarse_finger: Fingertip) -> None:
+def test_a_start_state_of_another_friction_or_an_unknown_order_is_refused(coarse_finger: Fingertip) -> None:
     smooth = coarse_finger.indent("bar:3.0", doi_mm=0.3).state
     other = coarse_finger.indent("bar:3.0", doi_mm=0.3, friction=0.6).state
     for start in (smooth, other):
@@ -211,7 +213,7 @@ def test_starts_and_orders_that_are_refused(coarse_finger: Fingertip) -> None:
     assert caught.value.code == "bad_order"
 
 
-def test_each_error_of_coulombs_law_is_seen() -> None:
+def test_the_friction_residual_detects_each_violation_of_coulombs_law() -> None:
     p, gap, none = np.array([1.0, 0.5]), np.zeros(2), np.zeros((2, 2))
     against = np.array([[-0.3, 0.0], [0.0, 0.0]])
     slip = np.array([[0.01, 0.0], [0.0, 0.0]])

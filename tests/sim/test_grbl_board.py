@@ -247,7 +247,7 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
 
 
 @pytest.mark.parametrize("name", CONVERSATIONS)
-def test_a_conversation(name: str) -> None:
+def test_the_virtual_board_answers_each_line_as_grbl_documents(name: str) -> None:
     begun, *facts = CONVERSATIONS[name]
     host = begun()
     for fact in facts:
@@ -257,7 +257,7 @@ def test_a_conversation(name: str) -> None:
 # --- what is not said in so few words ---
 
 
-def test_power_cycle_in_motion_locks_and_forgets_where_it_is(host: Host) -> None:
+def test_a_power_cycle_in_motion_locks_the_virtual_board_and_resets_its_position(host: Host) -> None:
     host.say(b"G53G1X-20F600\n", 1.0)
     host.board.power_cycle()
     assert host.hear() == BANNER + UNLOCK
@@ -278,19 +278,19 @@ def test_power_cycle_in_motion_locks_and_forgets_where_it_is(host: Host) -> None
         (b"$110=-1", 4), (b"$0=1", 6), (b"$100=0", 4),
     ],
 )  # fmt: skip
-def test_errors(host: Host, line: bytes, code: int) -> None:
+def test_the_virtual_board_answers_each_bad_line_with_the_error_of_grbl(host: Host, line: bytes, code: int) -> None:
     assert host.say(line + b"\n") == b"error:%d\r\n" % code
     assert host.steps() == (-400, -400, -400)
 
 
-def test_wco_and_ov_come_now_and_then(host: Host) -> None:
+def test_status_reports_carry_wco_and_ov_every_tenth_time(host: Host) -> None:
     host.say(b"\x18")
     lines = [host.say(b"?") for _ in range(40)]
     assert [i for i, line in enumerate(lines) if b"|WCO:" in line] == [0, 10, 20, 30]
     assert [i for i, line in enumerate(lines) if b"|Ov:100,100,100" in line] == [1, 11, 21, 31]
 
 
-def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
+def test_a_hold_and_reset_drop_the_planned_moves_and_keep_the_position() -> None:
     host = Host(mechanics=Mechanics(slip_steps=7, play_steps=(3.0, 3.0, 3.0)))
     host.say(b"$H\n", 60.0)
     assert host.say(b"??") != b""  # WCO and Ov
@@ -310,7 +310,7 @@ def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
     assert host.say(b"G4P0.01\n", 0.1) == b"ok\r\n"
 
 
-def test_reset_in_motion_is_alarm_3_and_locks(host: Host) -> None:
+def test_a_reset_in_motion_raises_alarm_3_and_locks_the_virtual_board(host: Host) -> None:
     host.say(b"G53G1X-20F600\n", 1.0)
     before = host.steps()
     assert host.say(b"\x18", 0.1) == b"ALARM:3\r\n"
@@ -322,7 +322,7 @@ def test_reset_in_motion_is_alarm_3_and_locks(host: Host) -> None:
     assert host.steps() == stopped
 
 
-def test_homing_takes_its_time_is_silent_and_ends_at_the_pull_off(locked: Host) -> None:
+def test_the_virtual_board_is_silent_while_homing_and_ends_at_the_pull_off(locked: Host) -> None:
     locked.hear()
     assert locked.say(b"$H\n", 1.0) == b""
     assert locked.steps() == (-12000, -6000, -4000 + 1900)
@@ -335,7 +335,7 @@ def test_homing_takes_its_time_is_silent_and_ends_at_the_pull_off(locked: Host) 
     assert locked.state() == b"<Idle"
 
 
-def test_coolant_and_spindle_are_switched_and_reported(host: Host) -> None:
+def test_the_virtual_board_switches_and_reports_coolant_and_spindle(host: Host) -> None:
     assert host.say(b"M8\n") == b"ok\r\n"
     assert b"|Ov:100,100,100|A:F>" in host.say(b"?")
     assert host.say(b"M3 S500\n") == b"ok\r\n"
@@ -348,7 +348,7 @@ def test_coolant_and_spindle_are_switched_and_reported(host: Host) -> None:
     assert [word for _, word in host.board.outputs] == ["M8", "M3", "M5", "M9"]
 
 
-def test_a_flood_of_questions_is_answered_by_a_few(host: Host) -> None:
+def test_the_virtual_board_answers_a_flood_of_status_requests_by_a_few_reports(host: Host) -> None:
     """On a line at 115200 baud; what asks while a report waits for its place to be sent is forgotten."""
     clock = VirtualClock()
     line = SerialLine(clock, 115200)
@@ -364,6 +364,6 @@ def test_a_flood_of_questions_is_answered_by_a_few(host: Host) -> None:
 
 
 @pytest.mark.parametrize(("axis", "rate"), [(b"X", b"600"), (b"Z", b"300")])
-def test_each_axis_has_a_rate_of_its_own(free: Host, axis: bytes, rate: bytes) -> None:
+def test_each_axis_of_the_virtual_board_has_its_own_highest_rate(free: Host, axis: bytes, rate: bytes) -> None:
     free.say(b"G91G0%s-20\n" % axis, 1.0)
     assert b"|FS:%s,0" % rate in free.say(b"?")

@@ -24,7 +24,7 @@ SHEAR = 1 / (2 * (1 + POISSON))
 AXES = (X, Z, Y)
 
 
-def test_strain_under_a_point_load_is_boussinesqs() -> None:
+def test_strain_under_a_point_load_agrees_with_boussinesq() -> None:
     # Johnson (1985), Eq. 3.18 and 3.19, written out there as stresses; here differentiated displacements.
     x, z = np.array([0.1, 0.5, 1.0, -0.7]), np.array([0.3, -0.2, 0.5, 0.9])
     points = np.stack([x, 0 * x, z], axis=1)
@@ -41,7 +41,7 @@ def test_strain_under_a_tangential_load_balances_the_load() -> None:
     assert carried == pytest.approx(1.0, abs=0.03)
 
 
-def test_middle_of_a_loaded_square() -> None:
+def test_the_deflection_in_the_middle_of_a_loaded_square_agrees_with_theory() -> None:
     # Love (1929), Johnson Eq. 3.26: 2a by 2a under p = F / 4a² sinks by (8/π) ln(1 + √2) a p (1 − ν²) / E.
     a = 0.1
     c = surface_compliance(np.zeros((1, 2)), np.full((1, 2), a), (Y,), SHEAR, POISSON)
@@ -51,7 +51,7 @@ def test_middle_of_a_loaded_square() -> None:
 
 
 @pytest.mark.parametrize(("moved", "pushed"), [(X, X), (Z, Z), (X, Z), (X, Y), (Z, Y)])
-def test_every_kernel_against_quadrature(moved: int, pushed: int) -> None:
+def test_every_surface_compliance_kernel_agrees_with_quadrature(moved: int, pushed: int) -> None:
     at, half = np.array([[0.0, 0.0], [0.31, 0.17]]), np.full((2, 2), 0.05)
     c = surface_compliance(at, half, AXES, SHEAR, POISSON).reshape(3, 2, 3, 2)
 
@@ -69,7 +69,7 @@ def test_every_kernel_against_quadrature(moved: int, pushed: int) -> None:
     assert c[AXES.index(moved), 1, AXES.index(pushed), 0] == pytest.approx(mean, rel=1e-8)
 
 
-def test_a_sphere_on_it_is_hertzs() -> None:
+def test_a_sphere_on_the_half_space_agrees_with_hertz() -> None:
     # Johnson Eq. 4.23: F = 4/3 E* √R d^1.5. 18 nodes across the contact; slopes below 1/10, hence 1 %.
     side, h = np.arange(-15, 16) * 0.027, 0.027
     x, z = (v.ravel() for v in np.meshgrid(side, side))
@@ -102,7 +102,9 @@ HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
         ({"bone_fraction": 0.4}, None),
     ],
 )
-def test_halfspace_modulus_is_that_of_the_layers_or_refused(tissue: dict[str, float], ratio: float | None) -> None:
+def test_the_half_space_modulus_is_fitted_to_the_layers_or_refused(
+    tissue: dict[str, float], ratio: float | None
+) -> None:
     config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.5, 0.6))
     if ratio is None:
         with raises(ModelRangeError, "no_modulus", keys=next(iter(tissue))):
@@ -113,7 +115,7 @@ def test_halfspace_modulus_is_that_of_the_layers_or_refused(tissue: dict[str, fl
     assert own.force_n / default.force_n == pytest.approx(ratio / 0.21, rel=1e-6)
 
 
-def test_a_homogeneous_finger_has_hertzs_force() -> None:
+def test_the_half_space_model_of_a_homogeneous_finger_agrees_with_hertz() -> None:
     """F = 4/3 E / (1 − ν²) √R d^1.5, with R = 0.78 mm from the sphere's 1 mm and the skin's curvature."""
     finger = FingertipConfig(tissue=Tissue(**HOMOGENEOUS))
     hertz_n = 4 / 3 * E_EPIDERMIS_MPA / (1 - 0.48**2) * 0.78**0.5 * 0.2**1.5
@@ -121,7 +123,7 @@ def test_a_homogeneous_finger_has_hertzs_force() -> None:
     assert found.force_n == pytest.approx(hertz_n, rel=0.06)
 
 
-def test_at_small_depth_it_is_the_finger_within_a_fifth(finger: Fingertip) -> None:
+def test_the_half_space_model_agrees_with_the_finger_within_20_percent_at_small_depth(finger: Fingertip) -> None:
     # A homogeneous body cannot be a layered one; its modulus was set for DOI 0.4 (sim/halfspace.py).
     halfspace, shape = load("halfspace"), Indentor.along(parse_shape("cylinder:9").profile)
     for doi_mm in (0.2, 0.4):

@@ -81,7 +81,7 @@ def node_near(finger: Fingertip, x_mm: float) -> float:
 
 
 @every_family
-def test_grazing_depths(pressed: tuple[Fingertip, Indentor, float]) -> None:
+def test_contact_converges_at_grazing_depths_with_ascending_force(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # First touch is on the continuous skin, contact at nodes and points between them: a shape that touches between
     # two of them carries nothing yet, latest the cone's tip, at 0.04 mm.
     finger, shape, x = pressed
@@ -94,7 +94,7 @@ def test_grazing_depths(pressed: tuple[Fingertip, Indentor, float]) -> None:
 
 
 @every_family
-def test_force_towards_zero(pressed: tuple[Fingertip, Indentor, float]) -> None:
+def test_force_control_converges_towards_zero_force(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # 0.001 gwt is a tenth of what the balance resolves.
     finger, shape, x = pressed
     depths = []
@@ -108,7 +108,9 @@ def test_force_towards_zero(pressed: tuple[Fingertip, Indentor, float]) -> None:
 
 @pytest.mark.parametrize(("profile", "reach_mm"), [(Bar(1.5, 0.0), 0.75), (Bar(1.5, 0.05), 0.7), (KINK, 0.0)])
 @pytest.mark.parametrize("doi", [0.02, 0.73])
-def test_a_node_exactly_on_an_edge(finger: Fingertip, profile: IndentorProfile, reach_mm: float, doi: float) -> None:
+def test_a_node_exactly_on_an_indentor_edge_changes_the_force_continuously(
+    finger: Fingertip, profile: IndentorProfile, reach_mm: float, doi: float
+) -> None:
     # Nothing hangs on which side round-off puts it: 1e-9 mm to either side moves the force by 9e-9 at most, which is
     # the force's own slope in x.
     x = node_near(finger, 0.3) - reach_mm
@@ -120,7 +122,7 @@ def test_a_node_exactly_on_an_edge(finger: Fingertip, profile: IndentorProfile, 
 
 
 @pytest.mark.parametrize(("doi", "apart"), [(0.02, 0.1), (0.1, 0.04), (0.73, 0.01)])
-def test_a_node_exactly_under_a_knife_edge(finger: Fingertip, doi: float, apart: float) -> None:
+def test_a_node_exactly_under_a_knife_edge_converges(finger: Fingertip, doi: float, apart: float) -> None:
     # Without any rounding the node slips off to one side or to the other: two equilibria. Measured 7.7 % apart at
     # 0.02 mm, where a few points touch, 2.5 % at 0.1, 0.2 % at 0.73.
     x = node_near(finger, 0.3)
@@ -130,7 +132,7 @@ def test_a_node_exactly_under_a_knife_edge(finger: Fingertip, doi: float, apart:
     assert np.ptp(force) < apart * force[0], force
 
 
-def test_a_needle_between_points_is_felt_late(finger: Fingertip) -> None:
+def test_a_needle_between_contact_points_is_detected_within_half_an_element(finger: Fingertip) -> None:
     # A limit: points of contact are a quarter of a segment apart, 0.043 mm at most. A needle of half-angle 5° without
     # rounding passes between two of them and is felt when its flank, 11 times as steep as wide, meets one: 0.24 mm
     # too deep at worst. (Wedges by name are rounded to 0.05 mm and are felt within 0.003 mm.)
@@ -150,7 +152,7 @@ def test_a_needle_between_points_is_felt_late(finger: Fingertip) -> None:
         (SinusoidalStep("1"), -0.3, 0.88, 1.1),
     ],
 )
-def test_force_control_where_the_slope_changes(
+def test_force_control_converges_where_the_stiffness_changes_abruptly(
     finger: Fingertip, profile: IndentorProfile, x: float, kink_mm: float, factor: float
 ) -> None:
     around = [finger.indent(profile, x, doi_mm=kink_mm + e).force_gwt for e in (-0.1, -0.05, 0.0, 0.05, 0.1)]
@@ -175,7 +177,7 @@ def test_force_control_where_the_slope_changes(
         (Grating(0.5, 1.2), 0.1, 0.6, [1, 2, 3], 0.02, 0.03),
     ],
 )
-def test_regions_merge_and_split(
+def test_force_is_continuous_while_contact_regions_merge_and_split(
     finger: Fingertip, profile: IndentorProfile, x: float, end_mm: float, regions: list[int], jump: float, back: float
 ) -> None:
     """F(DOI) in steps of 0.01 mm while regions appear and merge, then back while they split and vanish."""
@@ -237,7 +239,7 @@ LAST_TOUCH = {"at_z_mm": 11.5, "touch_mm": near(11.0)} | ALONG_Z
         ("line", (0.0, 9.5), {"force_gwt": 15.0}, "at_rim", {"at_z_mm": 9.5} | LAST_ROW),
     ],
 )
-def test_the_rim_is_refused_by_name(
+def test_contact_at_the_rim_of_the_patch_is_refused_with_place_and_size(
     unwidened: Fingertip,
     coarse_unwidened: Fingertip,
     shape: str,
@@ -252,7 +254,7 @@ def test_the_rim_is_refused_by_name(
 
 
 @pytest.mark.parametrize(("shape", "z", "gwt"), [("line", 8.5, 5.0), ("sphere:5", None, 14.0)])
-def test_a_force_short_of_the_rim_is_found(
+def test_force_control_on_the_finger_finds_a_force_short_of_the_rim(
     coarse_unwidened: Fingertip, shape: str, z: float | None, gwt: float
 ) -> None:
     """The search looks beyond the rim, is refused there and comes back."""
@@ -267,14 +269,18 @@ def test_a_force_short_of_the_rim_is_found(
 
 @every_family
 @pytest.mark.parametrize("gwt", [0.5, 2.33, 5.0])
-def test_force_to_depth_to_force_from_rest(pressed: tuple[Fingertip, Indentor, float], gwt: float) -> None:
+def test_a_force_found_as_depth_gives_the_same_force_from_rest(
+    pressed: tuple[Fingertip, Indentor, float], gwt: float
+) -> None:
     finger, shape, x = pressed
     depth = finger.indent(shape, x, force_gwt=gwt).doi_mm
     assert finger.indent(shape, x, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
 
 
 @pytest.mark.parametrize("profile", [Wedge(60.0, 0.0), Wedge(5.0, 0.0), Bar(1.5, 0.0)])
-def test_force_to_depth_to_force_at_knife_edges(finger: Fingertip, profile: IndentorProfile) -> None:
+def test_a_force_found_as_depth_gives_the_same_force_at_knife_edges(
+    finger: Fingertip, profile: IndentorProfile
+) -> None:
     # Several equilibria, but both searches press in from first touch by the same way, so they reach the same one.
     for gwt in (0.5, 2.33, 5.0):
         depth = finger.indent(profile, 0.1, force_gwt=gwt).doi_mm
@@ -327,7 +333,7 @@ def errors_on(tissue: Tissue) -> tuple[float, float]:
     ],
     ids=lambda t: f"poisson {t.poisson:g}, bone {t.bone} {t.e_bone:g}, dermis {t.e_dermis:g}",
 )
-def test_contact_on_extreme_tissue(tissue: Tissue, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_extreme_tissue_is_in_equilibrium(tissue: Tissue, tmp_path_factory: pytest.TempPathFactory) -> None:
     # Contact forces put back into the stiffness of all nodes, as test_uncondensed.py does for the default tissue.
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("models")))

@@ -51,7 +51,7 @@ def letter(path: Path, text: str = "R", size: tuple[int, int] = (80, 100)) -> st
 # ------------------------------------------------------------------------------------------------- the surface
 
 
-def test_it_goes_through_its_points_above_the_lowest() -> None:
+def test_a_height_map_passes_through_its_points_counted_from_the_lowest() -> None:
     x, z = np.arange(-1.0, 1.01, 0.25), np.arange(-0.5, 1.01, 0.25)
     height = 5.0 + 0.1 * np.random.default_rng(0).uniform(size=(len(z), len(x)))
     height[2, 3] = 4.9
@@ -64,7 +64,7 @@ def test_it_goes_through_its_points_above_the_lowest() -> None:
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, -110.0])
-def test_slope_and_curvature_are_those_of_the_height(turn_deg: float) -> None:
+def test_slope_and_curvature_of_a_height_map_are_derivatives_of_its_height(turn_deg: float) -> None:
     # Central differences of a cubic: h = 1e-4 leaves h² f''' / 6 < 1e-8 of the slope; C² so that no joint shows.
     there, rng = waves(turn_deg), np.random.default_rng(1)
     at = rng.uniform(-0.6, 0.6, size=(2, 200))
@@ -77,7 +77,7 @@ def test_slope_and_curvature_are_those_of_the_height(turn_deg: float) -> None:
     np.testing.assert_allclose(surface.curvature[0, 1], surface.curvature[1, 0], atol=1e-15)
 
 
-def test_a_turn_carries_x_towards_the_tip() -> None:
+def test_a_turned_height_map_rotates_from_x_towards_the_tip() -> None:
     plain, turned = waves(), waves().turned(90.0)
     at = np.random.default_rng(2).uniform(-0.9, 0.9, size=(2, 50))
     one, other = plain.evaluate(at), turned.evaluate(np.stack([-at[1], at[0]]))  # (x, z) → (−z, x)
@@ -89,7 +89,7 @@ def test_a_turn_carries_x_towards_the_tip() -> None:
         turned.turned(10.0)
 
 
-def test_beyond_its_rim_it_is_a_wall() -> None:
+def test_beyond_its_rim_a_height_map_is_a_steep_wall() -> None:
     there = waves()
     rim, beyond = (there.evaluate(np.array([[x], [0.4]])) for x in (1.0, 1.01))
     assert beyond.height_mm[0] - rim.height_mm[0] == pytest.approx(0.01 * STEEPEST_SLOPE)
@@ -107,7 +107,7 @@ def test_beyond_its_rim_it_is_a_wall() -> None:
 
 
 @pytest.mark.parametrize(("spacing_mm", "allowed"), [(0.4, 3e-4), (0.1, 3e-6)])
-def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: float, allowed: float) -> None:
+def test_a_mapped_sphere_errs_with_the_fourth_power_of_its_spacing(spacing_mm: float, allowed: float) -> None:
     # 5/384 h⁴ of the fourth derivative, 3/R³ at the pole: 4e-5, 2e-6, 2e-7 mm; more towards the rim.
     there, exact = spherical(spacing_mm), parse_shape(f"sphere:{RADIUS_MM}")
     at = np.random.default_rng(4).uniform(-1.0, 1.0, size=(2, 400))
@@ -116,7 +116,7 @@ def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: floa
     assert spherical(0.1, 1.0).sharpest_radius_mm == pytest.approx(RADIUS_MM, rel=0.01)
 
 
-def test_normals_of_a_mapped_sphere_turn_as_a_spheres() -> None:
+def test_the_normals_of_a_mapped_sphere_turn_as_those_of_a_sphere() -> None:
     at = np.array([[0.0, 0.5], [0.0, 0.2]])
     np.testing.assert_allclose(spherical(0.1).turning(at, 0.1)[0], 2 * np.arcsin(0.1 / RADIUS_MM), rtol=1e-3)
 
@@ -125,7 +125,7 @@ def test_normals_of_a_mapped_sphere_turn_as_a_spheres() -> None:
 
 
 @pytest.mark.parametrize(("spacing_mm", "allowed", "turn_deg"), [(0.4, 1e-4, 0.0), (0.2, 1e-5, 30.0)])
-def test_a_sphere_as_a_map_is_a_sphere(
+def test_a_mapped_sphere_presses_as_the_sphere(
     coarse_finger: Fingertip, spacing_mm: float, allowed: float, turn_deg: float
 ) -> None:
     # On the default mesh 2.5e-5, 8e-7 and 2e-9 of the force at these spacings.
@@ -139,7 +139,7 @@ def test_a_sphere_as_a_map_is_a_sphere(
     np.testing.assert_allclose(mapped.receptor_strain, exact.receptor_strain, atol=10 * allowed)
 
 
-def test_a_letter_is_pressed_and_where_its_hole_is_nothing_bears(coarse_finger: Fingertip, tmp_path: Path) -> None:
+def test_a_pressed_letter_o_bears_no_force_in_its_hole(coarse_finger: Fingertip, tmp_path: Path) -> None:
     shape = parse_shape(f"heightmap:{letter(tmp_path / 'o.png', 'O', (80, 80))},width_mm=3.2,height_mm=0.5")
     forces = []
     for doi_mm in (0.1, 0.3, 0.6):
@@ -157,7 +157,7 @@ def test_a_letter_is_pressed_and_where_its_hole_is_nothing_bears(coarse_finger: 
 
 
 @pytest.mark.parametrize(("shape", "between"), [("grating:0.5,1.2", 2e-3), ("step:1", 5e-3)])
-def test_a_turned_shape_at_no_angle_is_the_prismatic_one(
+def test_a_shape_turned_by_zero_degrees_presses_as_the_unturned_shape(
     coarse_finger: Fingertip, shape: str, between: float
 ) -> None:
     """Solved with forces along the finger too; between nodes it has points on the segments along the finger too."""
@@ -182,7 +182,7 @@ def nodes_alone(finger: Fingertip) -> Fingertip:
     return other
 
 
-def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingertip) -> None:
+def test_a_turned_mapped_grating_presses_as_the_turned_grating(coarse_finger: Fingertip) -> None:
     """Ridges as half waves, which both can have: a profile from the same points, turned."""
     x = np.arange(-2.6, 2.61, 0.05)
     height = 0.15 * (1 - np.cos(2 * np.pi * x / 1.3))
@@ -197,7 +197,7 @@ def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingerti
 # -------------------------------------------------------------------------------------------------- from files
 
 
-def test_picture_shows_the_indentors_face(tmp_path: Path) -> None:
+def test_a_picture_shows_the_face_of_the_indentor_with_dark_raised(tmp_path: Path) -> None:
     pixels = np.full((40, 60), 255, np.uint8)
     pixels[:10, :30] = 0  # dark at the top left: towards the tip and −x
     Image.fromarray(pixels).save(tmp_path / "a.png")
@@ -213,7 +213,9 @@ def test_picture_shows_the_indentors_face(tmp_path: Path) -> None:
     ("width_mm", "option", "edge_mm"),
     [(3.0, "", 0.05), (3.0, ",edge_mm=0.2", 0.2), (12.0, "", 0.14)],
 )
-def test_edges_of_a_picture_are_rounded(tmp_path: Path, width_mm: float, option: str, edge_mm: float) -> None:
+def test_edges_of_a_picture_are_rounded_by_the_edge_width(
+    tmp_path: Path, width_mm: float, option: str, edge_mm: float
+) -> None:
     """As by a Gaussian of 0.05 mm, or of 0.7 pixels where these are large: a step's slope says so, in its middle."""
     Image.fromarray(np.tile(np.where(np.arange(60) < 30, 0, 255), (60, 1)).astype(np.uint8)).save(tmp_path / "a.png")
     there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm={width_mm},height_mm=0.1{option}")
@@ -222,7 +224,7 @@ def test_edges_of_a_picture_are_rounded(tmp_path: Path, width_mm: float, option:
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA", "I;16", "P"])
-def test_every_kind_of_picture_is_read_alike(tmp_path: Path, mode: str) -> None:
+def test_pictures_of_every_color_mode_are_read_alike(tmp_path: Path, mode: str) -> None:
     black = np.zeros((40, 40), bool)
     black[:, 15:25] = True
     picture = Image.fromarray(np.where(black, 0, 255).astype(np.uint8))
@@ -239,7 +241,7 @@ def test_every_kind_of_picture_is_read_alike(tmp_path: Path, mode: str) -> None:
     )
 
 
-def test_tables_of_numbers_are_read_alike(tmp_path: Path) -> None:
+def test_height_maps_from_npy_csv_and_points_are_read_alike(tmp_path: Path) -> None:
     there = waves()
     rows = there.height_mm[::-1]  # the first nearest the tip
     np.save(tmp_path / "a.npy", rows)
@@ -284,7 +286,7 @@ def a_dot(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MIDDLE_TOUCHES)
-def test_raised_side_is_given_or_asked_for(tmp_path: Path, name: str) -> None:
+def test_a_height_map_file_needs_its_raised_side_unless_it_is_clear(tmp_path: Path, name: str) -> None:
     a_dot(tmp_path)
     shape, touches = f"heightmap:{tmp_path / name}", MIDDLE_TOUCHES[name]
     if touches is None:
@@ -295,7 +297,7 @@ def test_raised_side_is_given_or_asked_for(tmp_path: Path, name: str) -> None:
     assert (middle < corner) == touches
 
 
-def test_arrays_ask_which_side_is_up() -> None:
+def test_a_height_map_from_arrays_needs_its_raised_side() -> None:
     at = np.linspace(-1, 1, 21)
     with raises(HeightMapError, "which_side_is_up", high='raised="high"', low='raised="low"'):
         HeightMap.from_arrays(at, at, DOT)
@@ -306,7 +308,7 @@ def test_arrays_ask_which_side_is_up() -> None:
     assert high[0] < high[1]
 
 
-def test_edges_of_a_table_are_rounded_where_that_is_asked_for(tmp_path: Path) -> None:
+def test_edges_of_a_table_are_rounded_on_request(tmp_path: Path) -> None:
     step = np.tile(np.where(np.arange(60) < 30, 0.0, 0.3), (60, 1))
     np.save(tmp_path / "a.npy", step)
     with raises(ShapeError, "swings_below", relief_mm=0.3):
@@ -347,13 +349,13 @@ REFUSED_ARRAYS = [
 
 
 @pytest.mark.parametrize(("x", "z", "height", "code"), REFUSED_ARRAYS)
-def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str) -> None:
+def test_arrays_that_make_no_height_map_are_refused(x: Array, z: Array, height: Array, code: str) -> None:
     with raises(HeightMapError, code, name="mine") as caught:
         HeightMap.from_arrays(x, z, height, raised="low", name="mine")
     assert "\n" not in str(caught.value)
 
 
-def test_the_largest_and_smallest_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_height_maps_are_limited_in_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert MOST_POINTS == 1_000_000
     monkeypatch.setattr("sim.contact.height_map.MOST_POINTS", 36)
     HeightMap.from_arrays(EVEN, EVEN, grid(), raised="low")
@@ -426,7 +428,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_files_that_make_no_map(tmp_path: Path, name: str) -> None:
+def test_files_that_make_no_height_map_are_refused(tmp_path: Path, name: str) -> None:
     files(tmp_path)
     with raises(ShapeError, REFUSED[name], name=f"heightmap {tmp_path / name.partition(',')[0]}") as caught:
         parse_shape(f"heightmap:{tmp_path / name}")

@@ -41,7 +41,7 @@ def _way(x_mm: float, *height_mm: float) -> PressTrajectory:
     return PressTrajectory("sphere:4", x_mm, t_s, np.array(height_mm), t_s, by_depth=True)
 
 
-def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
+def test_draws_of_the_prior_stay_within_its_ranges() -> None:
     draws = PRIOR.draws(4000, np.random.default_rng(0))
     assert draws.shape == (4000, len(PARAMETERS))
     assert PRIOR.within(draws).all()
@@ -53,7 +53,7 @@ def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
     assert PRIOR.off(PRIOR.middle + 2 * PRIOR.sd) == pytest.approx(np.full(len(PARAMETERS), 2.0))
 
 
-def test_tables_are_over_moduli_and_stiffening_is_a_factor() -> None:
+def test_force_tables_span_the_moduli_and_stiffening_is_a_factor() -> None:
     assert [axis.name for axis in tissue_axes(PRIOR)] == ["ln_e_dermis", "ln_e_fat"]
     trajectory = _way(0.4, 0.0, -0.2, -0.7)
     linear, stiffer = (made_up().elastic_gwt(_still(stiffening=a), trajectory)[0] for a in (0.0, 0.6))
@@ -62,7 +62,7 @@ def test_tables_are_over_moduli_and_stiffening_is_a_factor() -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_made_up_forces_come_back(shape: str) -> None:
+def test_force_tables_reproduce_made_up_forces(shape: str) -> None:
     scale, exponent, by_fat = SHAPES[shape]
     found = made_up().elastic_gwt(_still(ln_stiffness=0.5, ln_e_dermis=-1.5, x_mm=0.25), PressTrajectory(
         shape, 1.0, np.array([0.0]), np.array([-0.4]), np.array([0.0]), by_depth=True
@@ -71,7 +71,7 @@ def test_the_made_up_forces_come_back(shape: str) -> None:
     assert found == pytest.approx(np.exp(0.5 + tissue - 0.08 * 0.75**2) * scale * 0.4**exponent, rel=1e-9)
 
 
-def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:
+def test_unknown_height_and_place_shift_the_trajectory_of_a_press() -> None:
     predicted = made_up()
     by_depth = _way(1.0, 0.0, -0.3)
     finger = _still(height_mm=0.2, x_mm=-0.4)
@@ -81,7 +81,7 @@ def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:
     assert predicted.elastic_gwt(finger, by_height) == pytest.approx(predicted.elastic_gwt(finger, by_depth))
 
 
-def test_relaxation_is_that_of_the_series_step_by_step() -> None:
+def test_predicted_relaxation_follows_the_prony_series_step_by_step() -> None:
     predicted, trajectory = made_up(), nominal_trajectory("sphere:4", 0.0, 0.42, RampAndHold(), (0.5, 1.0))
     soon_s = 0.25 * trajectory.t_s[3] + 0.75 * trajectory.t_s[4]  # after a move, before the next
     trajectory = replace(trajectory, read_s=np.sort([*trajectory.read_s, soon_s]))
@@ -99,7 +99,7 @@ def test_relaxation_is_that_of_the_series_step_by_step() -> None:
     assert felt[-1] < 0.8 * elastic[-1]
 
 
-def test_a_nominal_trajectory_goes_down_by_increments_and_is_read_in_its_hold() -> None:
+def test_a_nominal_trajectory_descends_in_increments_and_is_read_in_its_hold() -> None:
     trajectory = nominal_trajectory("bar:3.0", 0.5, 0.21, RampAndHold(0.05, 0.15, 1.0, 4), (0.5, 1.0))
     assert -trajectory.height_mm == pytest.approx(np.linspace(0, 0.21, 6))
     assert trajectory.t_s == pytest.approx(0.15 * np.arange(6))
@@ -110,7 +110,7 @@ def test_a_nominal_trajectory_goes_down_by_increments_and_is_read_in_its_hold() 
 
 
 @pytest.mark.parametrize("stiffening", [0.05, 0.6])
-def test_a_table_of_a_real_finger_is_near_direct_presses(stiffening: float) -> None:
+def test_a_force_table_of_the_finite_element_finger_is_near_direct_presses(stiffening: float) -> None:
     """Of one tissue, that costs little; its own error is that of the polynomials in place and depth."""
     scope = Scope((ChebyshevAxis("ln_e_fat", np.log(0.079), np.log(0.081), 1),), 0.6, (0.05, 0.6), places=3, depths=5)
     table = ShapeTable.read_or_make("bar:3.0", scope, lambda values: finger_of(COARSE, values), "a test")

@@ -40,7 +40,7 @@ def _identified(seed: int, presses: Presses = PRESSES) -> tuple[np.ndarray, list
     return truth, given, learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
 
 
-def test_posterior_holds_the_truth_and_is_narrower() -> None:
+def test_the_posterior_contains_the_true_finger_and_is_narrower_than_the_prior() -> None:
     off = []
     for seed in range(5):
         truth, given, learned = _identified(seed)
@@ -56,7 +56,7 @@ def test_posterior_holds_the_truth_and_is_narrower() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: "+".join(kind.zero) or "living")
-def test_the_kind_of_tissue_is_found_by_its_evidence(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_identification_finds_the_kind_of_tissue(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a step of force between linear tissue and any that stiffens, as in the model."""
     monkeypatch.setattr(made_up_fingers, "GEOMETRIC", -0.3)
     predicted, chance = made_up(), np.random.default_rng(11)
@@ -70,7 +70,7 @@ def test_the_kind_of_tissue_is_found_by_its_evidence(kind: Kind, monkeypatch: py
     assert no_finger(predicted, given, learned, []) is None
 
 
-def test_a_wanted_force_comes_within_its_band() -> None:
+def test_the_force_of_an_unpressed_goal_lies_within_its_band() -> None:
     inside, half = 0, []
     for seed in range(5):
         truth, _, learned = _identified(seed)
@@ -81,7 +81,7 @@ def test_a_wanted_force_comes_within_its_band() -> None:
     assert max(half) < 0.09
 
 
-def test_more_presses_leave_less() -> None:
+def test_more_presses_narrow_the_band_of_a_goal() -> None:
     widths = [band(held_gwt(FORESEEN, _identified(3, PRESSES[:k])[2].draws, GOAL, PACE), 0.0).half for k in (1, 3, 5)]
     assert widths[0] > widths[1] > widths[2]
 
@@ -92,7 +92,7 @@ def test_more_presses_leave_less() -> None:
 CHOOSER = PressSelector(FORESEEN, (GOAL,), PACE)
 
 
-def test_no_press_is_chosen_that_may_be_too_hard() -> None:
+def test_identification_chooses_no_press_that_may_exceed_the_force_limit() -> None:
     known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
     menu = [PressAt("cylinder:9", 0.5, d) for d in (0.1, 0.2, 0.4, 0.67)]
     for most_gwt in (2.0, 5.0, 20.0):
@@ -102,7 +102,7 @@ def test_no_press_is_chosen_that_may_be_too_hard() -> None:
     assert CHOOSER.choose(known, 1e-3, menu).doi_mm == 0.1
 
 
-def test_no_press_is_chosen_where_the_skin_may_not_be_found() -> None:
+def test_identification_chooses_no_press_where_the_skin_may_be_out_of_reach() -> None:
     """Beside the middle the skin falls away: a finger that lies lower and farther aside is out of reach there."""
     known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
     menu = [PressAt("cylinder:9", x, 0.67) for x in (-1.2, 0.0, 1.2)]
@@ -115,13 +115,13 @@ def test_no_press_is_chosen_where_the_skin_may_not_be_found() -> None:
     assert aside.x_mm == 1.2
 
 
-def test_the_press_that_is_wanted_tells_most_of_itself() -> None:
+def test_identification_chooses_the_goal_itself_if_it_is_on_the_menu() -> None:
     known = _identified(3, PRESSES[:1])[2]
     menu = [PressAt("sphere:4", -1.2, 0.2), GOAL, PressAt("flat:3", 0.0, 0.2)]
     assert CHOOSER.choose(known, 1e3, menu) == GOAL
 
 
-def test_a_band_is_log_normal_and_widened_by_the_models_error() -> None:
+def test_a_force_band_is_log_normal_and_widened_by_the_model_error() -> None:
     force = np.exp(np.random.default_rng(0).normal(1.0, 0.03, 20_000))
     known = band(force, 0.04)
     assert known.middle == pytest.approx(np.e, rel=2e-3)
@@ -143,7 +143,7 @@ def _changed(given: MeasuredPress, factor: np.ndarray | float) -> MeasuredPress:
     return replace(given, force_gwt=given.force_gwt * factor)
 
 
-def test_a_finger_of_the_prior_is_one() -> None:
+def test_a_finger_of_the_prior_is_accepted_as_a_finger() -> None:
     for seed in range(4):
         _, given, learned = _identified(seed)
         assert no_finger(FORESEEN, given, learned, []) is None, seed
@@ -151,14 +151,14 @@ def test_a_finger_of_the_prior_is_one() -> None:
 
 
 @pytest.mark.parametrize(("power", "words"), [(0.5, "more steeply"), (-0.5, "less steeply")])
-def test_a_force_that_grows_otherwise_is_recognised(power: float, words: str) -> None:
+def test_identification_rejects_a_force_that_grows_with_another_power(power: float, words: str) -> None:
     given = [
         _changed(one, np.maximum(one.force_gwt / one.force_gwt.max(), 0.02) ** power) for one in _identified(2)[1]
     ]
     assert words in str(_judged(given, 2))
 
 
-def test_a_mount_that_slips_is_recognised() -> None:
+def test_identification_detects_a_mount_that_slips() -> None:
     truth, given, _ = _identified(4)
     lower, chance = truth.copy(), np.random.default_rng(4)
     lower[PRIOR.index("height_mm")] -= 0.15
@@ -169,7 +169,7 @@ def test_a_mount_that_slips_is_recognised() -> None:
 
 
 @pytest.mark.parametrize(("off_sds", "flagged"), [(2.1, False), (2.2, True), (-2.2, True)])
-def test_layers_at_the_end_of_their_ranges_are_flagged(off_sds: float, flagged: bool) -> None:
+def test_identification_flags_layers_at_the_ends_of_their_ranges(off_sds: float, flagged: bool) -> None:
     """Of both moduli: two squares, of which one in a hundred exceeds 9.21."""
     _, given, learned = _identified(1)
     moved = PRIOR.middle.copy()
@@ -180,7 +180,7 @@ def test_layers_at_the_end_of_their_ranges_are_flagged(off_sds: float, flagged: 
     assert not flagged or "layers" in str(said)
 
 
-def test_a_surprise_is_counted_in_sd_of_the_logarithm() -> None:
+def test_the_surprise_of_a_press_counts_in_sd_of_the_log_force() -> None:
     surprise = Surprise(Width(2.0, 1.0, 4.0), 0.1, 2.0 * np.exp(0.3))
     assert surprise.sds == pytest.approx(3.0)
     _, given, learned = _identified(1)

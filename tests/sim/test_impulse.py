@@ -35,7 +35,7 @@ def line(request: pytest.FixtureRequest, skin: FingertipSurface) -> SkinLine:
 # --- the skin as a line ---
 
 
-def test_skin_is_counted_by_its_length_and_across_by_x(skin: FingertipSurface) -> None:
+def test_places_along_the_skin_count_by_arc_length_and_cartesian_ones_by_x(skin: FingertipSurface) -> None:
     x = np.linspace(-3.0, 2.0, 200001)
     chord = np.hypot(np.diff(x), np.diff(skin.height(x, PLANE))).sum()  # of so many chords: right to 1e-9
     ends = SkinLine(skin, PLANE, "skin").places(x[[0, -1]])
@@ -43,7 +43,7 @@ def test_skin_is_counted_by_its_length_and_across_by_x(skin: FingertipSurface) -
     assert_allclose(SkinLine(skin, PLANE, "cartesian").places([-3.0, 2.0]), [-3.0, 2.0])
 
 
-def test_axes_along_the_skin_turn_the_tensor_and_keep_its_invariants(skin: FingertipSurface) -> None:
+def test_axes_along_the_skin_rotate_the_strain_and_keep_its_invariants(skin: FingertipSurface) -> None:
     line = SkinLine(skin, PLANE, "skin")
     angle = line.angles([-2.5, 0.0, 3.0])
     strain = np.random.default_rng(1).normal(size=(3, 6, 4))
@@ -62,7 +62,7 @@ def test_axes_along_the_skin_turn_the_tensor_and_keep_its_invariants(skin: Finge
 
 
 @pytest.mark.parametrize("shape", [(5,), (5, 2)])
-def test_finite_energy_is_hookes_and_the_sources_leaves_the_volume_out(shape: tuple[int, ...]) -> None:
+def test_finite_sed_is_hookes_and_incompressible_sed_omits_the_volume_change(shape: tuple[int, ...]) -> None:
     material = Elastic(1000.0, 0.48)
     e11, e22, e12 = np.random.default_rng(2).normal(size=(3, *shape))
     full = np.stack([e11, e22, 0 * e11, e12, 0 * e11, 0 * e11], axis=-1)
@@ -78,7 +78,7 @@ def test_finite_energy_is_hookes_and_the_sources_leaves_the_volume_out(shape: tu
 # --- the section, sampled ---
 
 
-def test_the_samples_are_where_the_source_has_them(section: SampledSection) -> None:
+def test_the_section_samples_lie_where_raju_has_them(section: SampledSection) -> None:
     places = section.sampling.place_mm
     assert (places[0], places[24], places[-1], len(places)) == (pytest.approx(-4.08), 0.0, pytest.approx(4.08), 49)
     receptors = section.finger.model.receptors.position_mm
@@ -87,7 +87,7 @@ def test_the_samples_are_where_the_source_has_them(section: SampledSection) -> N
     assert section.material == Elastic(1000.0, 0.48)  # dermis: a tenth of the epidermis
 
 
-def test_its_strains_are_those_of_a_press(section: SampledSection) -> None:
+def test_strains_by_influence_equal_those_of_a_press(section: SampledSection) -> None:
     """The same forces on the same nodes, once by the press and once by the influence of each node."""
     pressed = section.finger.indent("cylinder:3", 0.2, doi_mm=0.4)
     nodes = section.finger.model.patch_in_skin
@@ -98,7 +98,9 @@ def test_its_strains_are_those_of_a_press(section: SampledSection) -> None:
 
 
 @pytest.mark.parametrize("x_mm", [0.0, 0.23, -1.9])
-def test_a_point_load_on_the_section_is_the_same_line_load(section: SampledSection, x_mm: float) -> None:
+def test_a_point_load_on_the_section_equals_the_line_load_of_the_influence(
+    section: SampledSection, x_mm: float
+) -> None:
     load = section.finger.point_load(x_mm, 3.0)
     angle = section.line.angles(section.sampling.place_mm)
     per_force = section.under_loads(section.line.places(x_mm))[:, :, 0, 0] * PSEUDO_E_EPIDERMIS
@@ -115,7 +117,7 @@ def test_a_point_load_on_the_section_is_the_same_line_load(section: SampledSecti
 # --- h, g, f ---
 
 
-def test_the_load_stretches_along_the_skin_and_presses_across_it(responses: ImpulseResponses) -> None:
+def test_a_load_stretches_the_tissue_along_the_skin_and_compresses_it_across(responses: ImpulseResponses) -> None:
     h, g, f = responses.strain
     assert (np.argmax(h), np.argmin(g)) == (24, 24)
     assert h[24] > 0 > g[24]
@@ -124,7 +126,7 @@ def test_the_load_stretches_along_the_skin_and_presses_across_it(responses: Impu
     assert_allclose([h[24], g[24], f.max()], [6.79e-5, -7.50e-5, 9.57e-5], rtol=0.01)
 
 
-def test_h_is_nearly_minus_g_and_wholly_so_where_nothing_is_compressible(responses: ImpulseResponses) -> None:
+def test_the_impulse_responses_h_and_minus_g_agree_in_incompressible_tissue(responses: ImpulseResponses) -> None:
     """Plane strain: e11 + e22 is the change of volume, which vanishes with 1 − 2ν."""
     found = responses.opposite
     assert found == (
@@ -139,7 +141,7 @@ def test_h_is_nearly_minus_g_and_wholly_so_where_nothing_is_compressible(respons
     assert nearly.correlation < -0.9999
 
 
-def test_the_tails_are_the_larger_end_over_the_peak() -> None:
+def test_the_tail_of_an_impulse_response_is_its_larger_end_over_the_peak() -> None:
     strain = np.array([[1.0, 4.0, -2.0], [0.5, -1.0, 0.1], [3.0, 2.0, -6.0]])
     assert_allclose(ImpulseResponses(strain, Sampling(half_length=1), Elastic(1.0, 0.3)).tails, [0.5, 0.5, 1.0])
 
@@ -153,7 +155,7 @@ def test_of_a_symmetric_finger_h_and_g_are_even_and_f_is_odd(axes: str) -> None:
     assert_allclose(f, -f[::-1], atol=1e-3 * np.abs(f).max())
 
 
-def test_shifting_misses_nothing_in_the_middle_and_more_away_from_it(section: SampledSection) -> None:
+def test_the_error_of_shift_invariance_is_zero_in_the_middle_and_grows_outwards(section: SampledSection) -> None:
     found = shift_errors(section, "finite", 12)
     assert_allclose(found.place_mm, 0.17 * np.arange(-12, 13))
     assert_allclose([*found.strain[:, 12], found.sed[12]], 0.0, atol=1e-12)
@@ -162,7 +164,7 @@ def test_shifting_misses_nothing_in_the_middle_and_more_away_from_it(section: Sa
         assert found.sed[k] == pytest.approx([0.073, 0.076][k], abs=0.002)
 
 
-def test_shifting_along_x_misses_far_more_than_along_the_skin(section: SampledSection) -> None:
+def test_shift_invariance_errs_far_more_along_x_than_along_the_skin(section: SampledSection) -> None:
     """SCIENCE: f shifted in Cartesian axes misses by 26 to 70 % of its peak on this finger."""
     along, across = (
         shift_errors(sampled_section(FingertipConfig(), Sampling(axes=axes)), "finite", 12)

@@ -61,12 +61,12 @@ def height(shape: str, s: float) -> float:
         ("grating:0.5,1.2", 12.0 - 0.23, 0.05 - np.sqrt(0.05**2 - 0.03**2)),
     ],
 )
-def test_heights_of_the_source(shape: str, s: float, expected: float) -> None:
+def test_indentor_profiles_have_the_heights_of_the_source(shape: str, s: float, expected: float) -> None:
     assert height(shape, s) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_derivatives_against_finite_differences(shape: str) -> None:
+def test_profile_derivatives_agree_with_finite_differences(shape: str) -> None:
     # Central differences, away from the joints of arcs, flats and flanks. h = 1e-5 mm: truncation h² h'''' / 6 stays
     # below 1e-6 of slopes and curvatures on the bar's 0.05 mm edge to 60°, round-off of h'' is 2e-16 / h² = 2e-6.
     profile = parse_shape(shape).profile
@@ -86,7 +86,7 @@ def test_derivatives_against_finite_differences(shape: str) -> None:
 
 
 @pytest.mark.parametrize("shape", ["bar:3.0", "cylinder:3"])
-def test_symmetry_and_steep_sides(shape: str) -> None:
+def test_bar_and_cylinder_profiles_are_symmetric_with_steep_sides(shape: str) -> None:
     profile = parse_shape(shape).profile
     s = np.linspace(0, 1.6, 400)
     right, left = profile.evaluate(s), profile.evaluate(-s)
@@ -124,7 +124,7 @@ def test_tangents_past_the_edge_touch_the_profile(shape: str) -> None:
         ("step:2", "no_such_step", {}),
     ],
 )
-def test_refusals_say_what_was_expected(text: str, code: str, fields: dict[str, Any]) -> None:
+def test_a_malformed_shape_is_refused_with_what_was_expected(text: str, code: str, fields: dict[str, Any]) -> None:
     with raises(ShapeError, code, shape=text, **fields) as error:
         parse_shape(text)
     assert isinstance(error.value, ValueError)
@@ -143,7 +143,7 @@ def test_refusals_say_what_was_expected(text: str, code: str, fields: dict[str, 
         ("cone:{}", 5.0, 89.0),
     ],
 )
-def test_every_number_of_a_shape_has_bounds(shape: str, low: float, high: float) -> None:
+def test_every_dimension_of_a_shape_has_bounds(shape: str, low: float, high: float) -> None:
     """Both of them are allowed, a thousandth beyond is not."""
     for value in (low, high):
         assert parse_shape(shape.format(value)).name == shape.format(f"{value:g}")
@@ -153,7 +153,7 @@ def test_every_number_of_a_shape_has_bounds(shape: str, low: float, high: float)
 
 
 @pytest.mark.parametrize("shape", ["sphere:3", "cone:60", "flat:1.5"])
-def test_round_shapes_turn_their_profile(shape: str) -> None:
+def test_round_shapes_revolve_their_profile(shape: str) -> None:
     # Central differences of the height give slope and curvature in both directions; h = 1e-5 mm as above. Off the
     # axis by a few hundredths and more: a cone's tip is round to 0.05 mm.
     indentor = parse_shape(shape)
@@ -174,7 +174,7 @@ def write(path: Path, *lines: str) -> str:
     return str(path)
 
 
-def test_a_profile_goes_through_its_points(tmp_path: Path) -> None:
+def test_a_measured_profile_passes_through_its_points_without_overshoot(tmp_path: Path) -> None:
     file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,0.7", "0,0.2", "0.5,0.3", "2,1.2")
     profile = parse_shape(f"profile:{file}").profile
     h, slope, _ = profile.evaluate(np.array([-1.0, 0.0, 0.5, 2.0]))
@@ -186,7 +186,7 @@ def test_a_profile_goes_through_its_points(tmp_path: Path) -> None:
     assert (profile.evaluate(s)[0] >= 0).all()
 
 
-def test_straight_lines_between_points_have_small_fillets(tmp_path: Path) -> None:
+def test_a_linear_profile_has_small_fillets_at_its_points(tmp_path: Path) -> None:
     # A fillet of ± w about a kink lies w |Δm| / 4 inside it at most: w = 0.02 mm, slopes −1 and 0.5.
     file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,1", "0,0", "2,1")
     profile = parse_shape(f"profile:{file},linear").profile
@@ -195,7 +195,7 @@ def test_straight_lines_between_points_have_small_fillets(tmp_path: Path) -> Non
     np.testing.assert_allclose(slope, [-1, -1, -0.25, 0.5, 0.5], rtol=0, atol=1e-12)
 
 
-def test_beyond_its_ends_a_profile_is_a_wall(tmp_path: Path) -> None:
+def test_beyond_its_ends_a_measured_profile_is_a_steep_wall(tmp_path: Path) -> None:
     file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,0", "1,0.2")
     profile = parse_shape(f"profile:{file}").profile
     assert profile.evaluate(np.array([1.01]))[0][0] == pytest.approx(0.2 + 0.01 * STEEPEST_SLOPE)
@@ -216,7 +216,7 @@ def test_beyond_its_ends_a_profile_is_a_wall(tmp_path: Path) -> None:
         ((), "profile_unreadable", {"problem": os.strerror(errno.ENOENT)}),
     ],
 )
-def test_profiles_are_refused_by_line(
+def test_a_malformed_profile_file_is_refused_with_its_line(
     tmp_path: Path, lines: tuple[str, ...], code: str, fields: dict[str, Any]
 ) -> None:
     file = tmp_path / "mine.csv"
@@ -227,7 +227,7 @@ def test_profiles_are_refused_by_line(
 
 
 @pytest.mark.parametrize(("x_mm", "z_mm", "radius_mm"), [(-3.2, 4.093, 0.5), (-3.1, 4.4, 2.0), (0.5, 7.0, 2.0)])
-def test_a_sphere_touches_the_skin_that_is_there(
+def test_the_touch_height_of_a_sphere_agrees_with_a_dense_sampling_of_the_skin(
     finger: Fingertip, x_mm: float, z_mm: float, radius_mm: float
 ) -> None:
     """Against the highest of 640 000 points of the parametrised skin, 12 µm apart: 0.05 µm below the touch.
@@ -251,7 +251,7 @@ OWN_X, OWN_HEIGHT = [-2.0, -0.5, 0.0, 0.7, 2.0], [1.0, 0.3, 0.2, 0.3, 1.2]
 
 
 @pytest.mark.parametrize("linear", [False, True])
-def test_arrays_are_a_file(linear: bool, tmp_path: Path) -> None:
+def test_a_profile_from_arrays_equals_the_one_from_a_file(linear: bool, tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
     path.write_text("x_mm,height_mm\n" + "".join(f"{x},{h}\n" for x, h in zip(OWN_X, OWN_HEIGHT, strict=True)))
     own = MeasuredProfile.from_arrays(np.array(OWN_X), OWN_HEIGHT, name=str(path), linear=linear)
@@ -261,7 +261,7 @@ def test_arrays_are_a_file(linear: bool, tmp_path: Path) -> None:
     assert own.x_mm == tuple(OWN_X)
 
 
-def test_a_wide_profile_is_pressed(finger: Fingertip) -> None:
+def test_a_profile_wider_than_the_finger_can_be_pressed(finger: Fingertip) -> None:
     """Its edges are sharp, although the skin reaches none."""
     wide = MeasuredProfile.from_arrays(np.linspace(-90, 90, 181), np.zeros(181))
     assert finger.indent(wide, doi_mm=0.2).force_gwt > 0
@@ -279,7 +279,7 @@ def test_a_wide_profile_is_pressed(finger: Fingertip) -> None:
         ([-2.0, 0.0, 2.0], [500.0, 0.0, 500.0], "too_tall", {"relief_mm": 500.0, "unit": "divide micrometers"}),
     ],
 )
-def test_what_is_no_profile_is_refused(
+def test_arrays_that_make_no_profile_are_refused(
     x: list[float], height: list[float], code: str, fields: dict[str, Any]
 ) -> None:
     with raises(ProfileError, code, name="own", **fields):
@@ -318,13 +318,13 @@ class Said:
         Grating(1.0, 3.0, 0.2),
     ],
 )
-def test_measured_radius_equals_the_stated_one(profile: IndentorProfile) -> None:
+def test_the_measured_edge_radius_of_a_profile_equals_the_stated_one(profile: IndentorProfile) -> None:
     assert measured_radius_mm(profile) == pytest.approx(profile.sharpest_radius_mm, rel=0.01)
     assert Indentor.along(profile).sharp == (profile.sharpest_radius_mm < SHARP_RADIUS_MM)  # and no warning
 
 
 @pytest.mark.parametrize("linear", [False, True])
-def test_a_profile_from_points_ends_in_edges(linear: bool) -> None:
+def test_a_profile_from_points_has_sharp_ends(linear: bool) -> None:
     smooth = MeasuredProfile.from_arrays(np.linspace(-2, 2, 41), 0.1 * np.linspace(-2, 2, 41) ** 2, linear=linear)
     assert measured_radius_mm(smooth) == smooth.sharpest_radius_mm == 0.0
     assert Indentor.along(smooth).sharp
@@ -332,7 +332,7 @@ def test_a_profile_from_points_ends_in_edges(linear: bool) -> None:
 
 @pytest.mark.parametrize(("said", "truly"), [(np.inf, 0.05), (0.6, 0.4)])
 @pytest.mark.parametrize("kind", [Indentor.along, lambda profile: Revolved(profile.name, profile)])
-def test_a_profile_that_says_otherwise_is_taken_as_measured_with_a_line(
+def test_a_profile_that_states_a_wrong_radius_is_treated_as_measured_with_a_warning(
     said: float, truly: float, kind: object
 ) -> None:
     indentor = kind(Said(Bar(3.0, truly), said))  # type: ignore[operator]
@@ -345,7 +345,7 @@ def test_a_profile_that_says_otherwise_is_taken_as_measured_with_a_line(
 
 
 @pytest.mark.filterwarnings("ignore::sim.contact.indentor.ShapeWarning")
-def test_a_wrong_word_does_not_change_the_force(coarse_finger: Fingertip) -> None:
+def test_a_wrongly_stated_edge_radius_does_not_change_the_force(coarse_finger: Fingertip) -> None:
     """Believed to be smooth, a bar was solved at its nodes only and at once: by up to 4.7 % wrong."""
     exact, said = (coarse_finger.indent(shape, 0.25, doi_mm=0.6) for shape in (Bar(1.5), Said(Bar(1.5), np.inf)))
     assert said.force_n == pytest.approx(exact.force_n, rel=1e-12)

@@ -45,7 +45,7 @@ def check(w: Array, q: Array, solution: LcpSolution | None) -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(st.integers(1, 30), st.integers(0, 2**32 - 1), st.floats(0.01, 1.0), st.booleans())
-def test_random_definite_problems(n: int, seed: int, shift: float, warm: bool) -> None:
+def test_the_lcp_solver_solves_random_definite_problems(n: int, seed: int, shift: float, warm: bool) -> None:
     rng = np.random.default_rng(seed)
     m = rng.normal(size=(n, n))
     w = m @ m.T / n + shift * np.eye(n)
@@ -55,7 +55,7 @@ def test_random_definite_problems(n: int, seed: int, shift: float, warm: bool) -
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 7), st.integers(0, 2**32 - 1))
-def test_the_solution_is_the_one_of_all_active_sets(n: int, seed: int) -> None:
+def test_the_lcp_solution_equals_that_of_a_search_over_all_active_sets(n: int, seed: int) -> None:
     # A definite W has exactly one solution: found here by trying all 2ⁿ sets.
     rng = np.random.default_rng(seed)
     m = rng.normal(size=(n, n))
@@ -74,7 +74,7 @@ def test_the_solution_is_the_one_of_all_active_sets(n: int, seed: int) -> None:
     np.testing.assert_allclose(solution.multipliers, found[0], rtol=0, atol=1e-9 * max(np.abs(found[0]).max(), 1e-9))
 
 
-def test_a_smooth_kernel_of_contact_size() -> None:
+def test_the_lcp_solver_finds_one_symmetric_contact_on_a_smooth_kernel() -> None:
     # A membrane's compliance, off-diagonals of one sign and slow decay, as in a contact: 300 nodes under a sphere.
     s = np.linspace(-1, 1, 300)
     w = np.exp(-np.abs(s[:, None] - s[None]) / 0.3) + 1e-3 * np.eye(300)
@@ -86,7 +86,7 @@ def test_a_smooth_kernel_of_contact_size() -> None:
     assert np.ptp(np.flatnonzero(solution.multipliers)) + 1 == len(solution.active)  # one run
 
 
-def test_points_that_cannot_be_told_apart_share_a_load() -> None:
+def test_the_lcp_solver_shares_a_load_among_dependent_points() -> None:
     # The middle of a straight, stiff segment and its two ends: the third row is the mean of the others.
     ends = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
     w, q = ends @ np.array([[2.0, 0.5], [0.5, 2.0]]) @ ends.T, ends @ np.array([-1.0, -1.0])
@@ -98,7 +98,7 @@ def test_points_that_cannot_be_told_apart_share_a_load() -> None:
         np.testing.assert_allclose(ends.T @ solution.multipliers, [0.4, 0.4], rtol=0, atol=1e-9)
 
 
-def test_more_points_than_the_skin_has_freedoms() -> None:
+def test_the_lcp_solver_handles_more_points_than_degrees_of_freedom() -> None:
     # 60 points on a chain of 11 nodes under an arc: exchanging all at once cycles, one by one it ends.
     along = np.linspace(0, 10, 60)
     hat = np.maximum(0.0, 1 - np.abs(along[:, None] - np.arange(11)))
@@ -110,6 +110,6 @@ def test_more_points_than_the_skin_has_freedoms() -> None:
     assert len(solution.active) <= 11
 
 
-def test_a_matrix_that_is_not_definite_has_no_answer() -> None:
+def test_the_lcp_solver_returns_nothing_for_an_indefinite_matrix() -> None:
     w = np.array([[1.0, 2.0], [2.0, 1.0]])
     assert solve(w, np.array([-1.0, -1.0]), np.array([True, True])) is None

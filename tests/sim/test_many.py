@@ -64,7 +64,7 @@ def test_each_of_many_presses_equals_a_press_alone(coarse: Fingertip, mixed: Ind
     assert mixed.problems == [""] * 8
 
 
-def test_processes_give_the_same_in_the_same_order(coarse: Fingertip, mixed: Indentations) -> None:
+def test_many_presses_in_two_processes_give_the_same_results_in_order(coarse: Fingertip, mixed: Indentations) -> None:
     seen: list[tuple[int, int]] = []
     found = indent_many(coarse, **MIXED, cores=2, progress=lambda *done: seen.append(done))  # type: ignore[arg-type]
     table, alone = found.table(), mixed.table()
@@ -79,7 +79,9 @@ def test_processes_give_the_same_in_the_same_order(coarse: Fingertip, mixed: Ind
     assert len({id(result.model) for result in bars}) == 1  # what they keep of the model is kept once
 
 
-def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rows_of_many_presses_are_the_broadcast_arguments(
+    coarse: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     nothing = IndentationOutcome(None, "not asked")
     monkeypatch.setattr(many_indentations, "_press", lambda *_: nothing)
     bar, own = Indentor.along(Bar(2.0)), Cylinder(4.0)
@@ -91,7 +93,7 @@ def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch
         indent_many(coarse, ["bar:1", "bar:2"], [0, 0, 0], doi_mm=0.1)
 
 
-def test_what_cannot_be_pressed_is_a_row_with_its_reason(coarse: Fingertip) -> None:
+def test_a_press_that_is_refused_among_many_is_a_row_with_its_reason(coarse: Fingertip) -> None:
     found = indent_many(
         coarse,
         ["bar:1", "bat:1", "bar:1", "bar:1", "bar:1"],
@@ -110,7 +112,7 @@ def test_what_cannot_be_pressed_is_a_row_with_its_reason(coarse: Fingertip) -> N
     assert found.receptor_table()["indentation"].tolist() == [0, 0]
 
 
-def test_what_does_not_converge_has_an_answer_and_a_problem(
+def test_a_press_that_does_not_converge_among_many_has_result_and_problem(
     coarse: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     right = coarse.indent("bar:1", doi_mm=0.1)
@@ -122,7 +124,7 @@ def test_what_does_not_converge_has_an_answer_and_a_problem(
     assert found.problems != [""]
 
 
-def test_nonsense_is_refused_at_once(coarse: Fingertip) -> None:
+def test_many_presses_without_target_or_cores_are_refused_before_any_press(coarse: Fingertip) -> None:
     with raises(ArgumentError, "no_target"):
         indent_many(coarse, "bar:1")
     with raises(ArgumentError, "no_cores", cores=0):
@@ -134,7 +136,7 @@ def test_nonsense_is_refused_at_once(coarse: Fingertip) -> None:
     } == {}
 
 
-def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_worker_process_is_reported(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_indentations, "here_and_in_processes", lambda *_: in_processes(os._exit, [3], 1))
     with raises(WorkerLostError, "worker_lost"):
         indent_many(coarse, "bar:1", [0, 1], doi_mm=0.1, cores=2)
@@ -143,7 +145,7 @@ def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.Monkey
 # --- tables ---
 
 
-def test_a_row_holds_what_was_asked_and_answered(mixed: Indentations) -> None:
+def test_the_table_of_many_presses_holds_request_and_result(mixed: Indentations) -> None:
     table = mixed.table()
     assert {len(values) for values in table.values()} == {8}
     assert table["shape"].tolist() == MIXED["shapes"]
@@ -167,7 +169,7 @@ def test_a_row_holds_what_was_asked_and_answered(mixed: Indentations) -> None:
     assert own.table()["shape"].tolist() == ["bar:2"]
 
 
-def test_columns_become_a_file(tmp_path: Path) -> None:
+def test_write_csv_writes_columns_of_equal_length(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     write_csv(path, {"shape": np.array(["bar:3", 'profile:a,"b"']), "force_gwt": np.array([0.1, np.nan])})
     assert path.read_bytes() == b'shape,force_gwt\r\nbar:3,0.1\r\n"profile:a,""b""",nan\r\n'
@@ -175,7 +177,9 @@ def test_columns_become_a_file(tmp_path: Path) -> None:
         write_csv(path, {"shape": np.zeros(1), "force_gwt": np.zeros(2)})
 
 
-def test_columns_become_a_data_set(mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_to_xarray_turns_columns_into_a_data_set(
+    mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "xarray.py").write_text("def Dataset(variables, coords):\n    return variables, coords\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "xarray", raising=False)
@@ -187,7 +191,9 @@ def test_columns_become_a_data_set(mixed: Indentations, tmp_path: Path, monkeypa
 
 
 @pytest.mark.parametrize(("convert", "package"), [(to_pandas, "pandas"), (to_xarray, "xarray")])
-def test_a_package_that_is_not_there_is_named(convert: Any, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_converting_without_pandas_or_xarray_names_the_package(
+    convert: Any, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     with raises(NotInstalledError, "not_installed", package=package):
         convert({})
@@ -211,7 +217,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork (POSIX)")
-def test_a_finger_presses_in_processes_however_they_are_begun(coarse: Fingertip, tmp_path: Path) -> None:
+def test_a_pickled_finger_presses_in_forked_and_spawned_processes(coarse: Fingertip, tmp_path: Path) -> None:
     script, sent = tmp_path / "forked.py", tmp_path / "finger"
     script.write_text(FORKED)
     sent.write_bytes(pickle.dumps(coarse))

@@ -63,7 +63,7 @@ def complaint(**geometry: object) -> str:
 # --- reading ---
 
 
-def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None:
+def test_a_csv_file_may_have_comments_empty_lines_and_a_byte_order_mark(write: Write) -> None:
     path = write("\ufeff# mine\n\nb , a\n 2.5 ,1\n\n# more\n-3e-1,4\n")
     assert read_columns(Path(path), ("a", "b")) == ((1.0, 2.5), (4.0, -0.3))
 
@@ -92,7 +92,7 @@ def test_a_bad_table_is_refused_by_file_line_and_column(
     assert "\n" not in str(caught.value)
 
 
-def test_columns_that_are_not_read_are_named(write: Write, caplog: pytest.LogCaptureFixture) -> None:
+def test_columns_of_a_csv_file_that_are_not_read_are_logged(write: Write, caplog: pytest.LogCaptureFixture) -> None:
     path = write("site,a,comment,b\n1,2,x,3\n")
     assert read_columns(Path(path), ("a", "b")) == ((2.0, 3.0),)
     assert [record.getMessage() for record in caplog.records] == [f"{path}: columns that are not read: site, comment"]
@@ -101,7 +101,7 @@ def test_columns_that_are_not_read_are_named(write: Write, caplog: pytest.LogCap
     assert not caplog.records
 
 
-def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
+def test_a_missing_binary_or_folder_path_is_refused_as_a_csv_file(tmp_path: Path) -> None:
     none, binary = tmp_path / "none.csv", tmp_path / "binary.csv"
     with raises(TableError, "unreadable", path=str(none), problem=os.strerror(errno.ENOENT)):
         read_columns(none, ("a",))
@@ -157,7 +157,7 @@ def test_points_and_sections_exclude_each_other() -> None:
         ([6.0, 60.0, 4.6, 0.0], "half-width ", -1),  # its spline swings below zero
     ],
 )
-def test_a_skin_that_crosses_the_bone_is_refused_by_place(row: list[float], number: str, sign: int) -> None:
+def test_a_skin_that_crosses_the_bone_is_refused_with_its_place(row: list[float], number: str, sign: int) -> None:
     with raises(SurfaceError, "crosses_axis") as caught:
         FingertipSurface.fit(Geometry(sections=[*SECTIONS[:2], row, *SECTIONS[3:]]))
     assert sign * printed(caught.value, number) > 0
@@ -166,7 +166,7 @@ def test_a_skin_that_crosses_the_bone_is_refused_by_place(row: list[float], numb
 # --- what is made of them ---
 
 
-def test_the_published_file_as_a_users_own_gives_the_published_finger() -> None:
+def test_the_published_points_as_a_user_file_give_the_default_finger() -> None:
     path = EXAMPLES.parents[1] / "sim" / "data" / "fingertip_surface_points.csv"
     ours, default = Geometry(points=str(path)), Geometry()
     z = np.linspace(0, 12.75, 50)
@@ -175,7 +175,7 @@ def test_the_published_file_as_a_users_own_gives_the_published_finger() -> None:
     )
 
 
-def test_a_fit_finds_the_surface_that_points_were_taken_from(skin: FingertipSurface) -> None:
+def test_fitting_noisy_points_recovers_their_surface(skin: FingertipSurface) -> None:
     # 3 000 points over the whole pulp with noise of 0.05 mm: the fit may err by noise · √(27 coefficients / n), 5 µm,
     # rms where there are points; its residuals are the noise's component along the normal.
     generator = np.random.default_rng(8)
@@ -193,7 +193,7 @@ def test_a_fit_finds_the_surface_that_points_were_taken_from(skin: FingertipSurf
     assert np.sqrt((error**2).mean()) < 0.007
 
 
-def test_sections_are_interpolated_and_smooth() -> None:
+def test_the_skin_passes_smoothly_through_measured_sections() -> None:
     surface = FingertipSurface.fit(Geometry(sections=SECTIONS))
     z, *parameters = np.array(SECTIONS).T
     np.testing.assert_allclose(surface.parameters(z), parameters, rtol=0, atol=1e-13)
@@ -203,7 +203,7 @@ def test_sections_are_interpolated_and_smooth() -> None:
         np.testing.assert_allclose(left, right, rtol=0, atol=2 * h * 0.5 + 1e-6)
 
 
-def test_apex_and_radii_against_differences(skin: FingertipSurface) -> None:
+def test_apex_and_radii_of_the_skin_agree_with_finite_differences(skin: FingertipSurface) -> None:
     # Central differences at 1e-3 mm: round-off 1e-15 / h² = 1e-9, truncation h² times a fourth derivative ≤ 1.
     (x, y, z), h = skin.apex.position_mm, 1e-3
     across = np.diff(skin.height(x + h * np.array([-1, 0, 1]), z), 2)[0] / h**2
@@ -216,7 +216,7 @@ def test_apex_and_radii_against_differences(skin: FingertipSurface) -> None:
     assert skin.apex.inside
 
 
-def test_a_finger_that_rises_to_its_proximal_end_has_no_apex_inside() -> None:
+def test_a_finger_that_rises_to_its_proximal_end_has_no_inner_apex() -> None:
     rows = [[z, 4.4, 5.0 - 0.2 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
     surface = FingertipSurface.fit(Geometry(sections=rows))
     assert not surface.apex.inside
@@ -228,7 +228,7 @@ def test_a_finger_that_rises_to_its_proximal_end_has_no_apex_inside() -> None:
 # --- the key of the cached model ---
 
 
-def test_the_numbers_make_the_key_not_the_path(tmp_path: Path) -> None:
+def test_the_cache_key_of_a_user_finger_depends_on_its_numbers_not_its_path(tmp_path: Path) -> None:
     def key(name: str, rows: np.ndarray) -> str:
         path = tmp_path / name
         path.write_text("x_mm,y_mm,z_mm\n" + "".join(f"{x},{y},{z}\n" for x, y, z in rows), encoding="utf-8")
@@ -245,7 +245,7 @@ def test_the_numbers_make_the_key_not_the_path(tmp_path: Path) -> None:
 # --- the shipped example ---
 
 
-def test_synthetic_example_is_the_scaled_finger(skin: FingertipSurface) -> None:
+def test_the_shipped_example_files_hold_the_scaled_synthetic_finger(skin: FingertipSurface) -> None:
     phi, z = np.meshgrid(np.radians(np.arange(30, 151, 15)), np.arange(4.0, 11.51, 0.75))
     points = 1.2 * np.stack([*skin.section(phi, z), z], -1).reshape(-1, 3)
     shipped = EXAMPLES / "synthetic_larger_finger_points.csv"
@@ -268,7 +268,7 @@ def test_synthetic_example_is_the_scaled_finger(skin: FingertipSurface) -> None:
         ("sections", 0.05),
     ],
 )
-def test_the_synthetic_example_is_the_default_finger_times_1_2(
+def test_fitting_the_shipped_example_gives_the_default_finger_times_1_2(
     skin: FingertipSurface, name: str, radius: float
 ) -> None:
     path = str(EXAMPLES / f"synthetic_larger_finger_{name}.csv")

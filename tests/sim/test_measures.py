@@ -16,7 +16,7 @@ def at(*strain: float, material: Elastic = SKIN) -> dict[str, float]:
     return {name: float(value) for name, value in measures_from_strain(np.array(strain), material).items()}
 
 
-def test_names_and_order() -> None:
+def test_the_measures_have_fixed_names_order_and_units() -> None:
     # Raju (1998, ch. 5): the 18 candidates.
     assert " ".join(MEASURES) == "e11 e22 e33 e12 e23 e13 ep1 ep2 ep3 s11 s22 s33 sp1 sp2 sp3 mean sed third"
     magnitudes = [name for name, measure in BY_NAME.items() if measure.as_magnitude]
@@ -25,7 +25,7 @@ def test_names_and_order() -> None:
     assert tuple(at(0, 0, 0, 0, 0, 0)) == MEASURES
 
 
-def test_uniaxial_compression() -> None:
+def test_the_measures_of_uniaxial_compression_are_those_by_hand() -> None:
     # σ22 = −100 alone: ε22 = −100 / E, ε11 = ε33 = +ν 100 / E.
     e = 100 / SKIN.young
     m = at(0.48 * e, -e, 0.48 * e, 0, 0, 0)
@@ -46,7 +46,7 @@ def test_uniaxial_compression() -> None:
 
 
 @pytest.mark.parametrize("component", [3, 4, 5])
-def test_pure_shear(component: int) -> None:
+def test_the_measures_of_pure_shear_are_those_by_hand(component: int) -> None:
     # Raju (1998): e12 = s12 / G, so γ = 0.02 is a tensor component of 0.01 and principals ± 0.01.
     strain = np.zeros(6)
     strain[component] = 0.02
@@ -59,7 +59,7 @@ def test_pure_shear(component: int) -> None:
     assert m["third"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_hydrostatic_pressure() -> None:
+def test_the_measures_of_hydrostatic_pressure_are_those_by_hand() -> None:
     # κ = E / 3(1 − 2ν): equal strains −e give σ = −3κe on every plane.
     kappa, e = 10_000 / (3 * 0.04), 1e-4
     m = at(-e, -e, -e, 0, 0, 0)
@@ -76,7 +76,7 @@ strains = arrays(float, (4, 6), elements=st.floats(-0.5, 0.5).map(lambda e: 0.0 
 
 @settings(max_examples=100, deadline=None)
 @given(strains)
-def test_identities_of_any_state(strain: np.ndarray) -> None:
+def test_the_measures_of_any_strain_satisfy_their_identities(strain: np.ndarray) -> None:
     m = measures_from_strain(strain, SKIN)
     stress = stress_from_strain(strain, SKIN)
     assert (m["ep1"] <= m["ep2"]).all()
@@ -101,7 +101,7 @@ def test_identities_of_any_state(strain: np.ndarray) -> None:
     np.testing.assert_allclose(m["third"], det, rtol=0, atol=1e-10 * max(np.abs(stress).max(), 1e-100) ** 3)
 
 
-def test_stress_scales_with_stiffness_strain_does_not() -> None:
+def test_stress_measures_scale_with_stiffness_and_strain_measures_do_not() -> None:
     strain = np.array([0.01, -0.03, 0.02, 0.004, -0.01, 0.02])
     soft, hard = (measures_from_strain(strain, Elastic(e, 0.48)) for e in (1_000.0, 10_000.0))
     for name in MEASURES:

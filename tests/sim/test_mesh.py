@@ -92,7 +92,7 @@ def test_every_element_has_the_layer_of_its_depth(default_mesh: FingerMesh) -> N
     np.testing.assert_allclose(radius, Tissue().bone_fraction, rtol=1e-12)
 
 
-def test_the_patch_is_170_micrometres_fine_across_the_finger(default_mesh: FingerMesh) -> None:
+def test_the_patch_elements_are_170_micrometers_wide_across_the_finger(default_mesh: FingerMesh) -> None:
     # Raju (1998, ch. 3): ≤ 170 µm on the top pulp surface. Laterally the arc is divided in the receptor plane, 0.4 µm
     # more where the section is largest. Along the finger 0.315 mm do as well: docs/validation/performance.md.
     mesh = default_mesh
@@ -132,7 +132,7 @@ def test_jacobians_are_positive_at_the_gauss_points(default_mesh: FingerMesh) ->
     assert volume.sum() == pytest.approx(whole, rel=0.01)
 
 
-def test_held_are_nail_proximal_edge_and_bone_and_nothing_else(default_mesh: FingerMesh) -> None:
+def test_the_mesh_fixes_nail_proximal_edge_and_bone_only(default_mesh: FingerMesh) -> None:
     # Raju (1998, ch. 3): every node of the nail and of the proximal edge. Nail: the dorsal 140° from z = 5 mm on.
     mesh, tissue = default_mesh, Tissue()
     z = mesh.nodes[:, 2]
@@ -171,7 +171,9 @@ def test_tributary_areas_tile_the_skin(default_mesh: FingerMesh, skin: Fingertip
     assert area.sum() > quads.sum()
 
 
-def test_an_elastic_bone_adds_its_core(coarse_config: FingertipConfig, skin: FingertipSurface) -> None:
+def test_an_elastic_bone_adds_an_innermost_layer_of_bone_elements(
+    coarse_config: FingertipConfig, skin: FingertipSurface
+) -> None:
     tissue = Tissue(bone="elastic")
     mesh = build_mesh(coarse_config.model_copy(update={"tissue": tissue}), skin)
     layer = mesh.layer.reshape(mesh.element_grid.shape)
@@ -179,7 +181,7 @@ def test_an_elastic_bone_adds_its_core(coarse_config: FingertipConfig, skin: Fin
     assert (layer[:, :, :-1] != BONE).all()
 
 
-def test_a_folded_mesh_is_refused_by_element(
+def test_a_folded_mesh_is_refused_with_its_element(
     coarse_config: FingertipConfig, skin: FingertipSurface, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place = mesh_module.nodes_on_rays
@@ -219,12 +221,12 @@ def quality(nodes: Array) -> tuple[float, float]:
     return float(found.scaled_jacobian[0]), float(found.aspect_ratio[0])
 
 
-def test_a_cube_and_a_box() -> None:
+def test_mesh_quality_of_a_cube_and_a_box_is_exact() -> None:
     assert quality(CUBE) == (1.0, 1.0)
     assert quality(CUBE * [2.0, 3.0, 0.5]) == pytest.approx((1.0, 6.0), rel=1e-15)
 
 
-def test_flat_and_folded_corners() -> None:
+def test_mesh_quality_detects_flat_and_folded_corners() -> None:
     flat, folded = CUBE.copy(), CUBE.copy()
     flat[6] = 0.67  # its three neighbours' plane passes through (2/3, 2/3, 2/3)
     folded[6] = [0.2, 0.2, 0.2]

@@ -39,14 +39,14 @@ def host() -> Host:
 # --- frames ---
 
 
-def test_the_golden_frame_with_speed_zero_is_answered_and_moves_nothing(host: Host) -> None:
+def test_the_virtual_drive_answers_the_example_frame_of_the_manual_and_does_not_move(host: Host) -> None:
     """CS2RS manual, p. 43; its speed word is 0."""
     assert host.say(GOLDEN_WRITE) == GOLDEN_ANSWER
     host.clock.wait_s(5.0)
     assert host.seven.carriage_at(host.clock.monotonic_s()) == -4000
 
 
-def test_a_bad_crc_and_another_device_get_no_answer(host: Host, rtu: Rtu) -> None:
+def test_virtual_devices_ignore_a_bad_crc_and_frames_to_other_devices(host: Host, rtu: Rtu) -> None:
     assert host.say(GOLDEN_SAVE[:-1] + b"\x00") == b""
     assert host.say(rtu("05 03 10 03 00 01")) == b""
     assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
@@ -70,7 +70,9 @@ def test_a_bad_crc_and_another_device_get_no_answer(host: Host, rtu: Rtu) -> Non
         ("03 10 00 05 00 01 02 00 63", "03 90 03"),  # no such command
     ],
 )
-def test_exceptions(host: Host, rtu: Rtu, question: str, answer: str) -> None:
+def test_the_virtual_drive_answers_illegal_requests_with_modbus_exceptions(
+    host: Host, rtu: Rtu, question: str, answer: str
+) -> None:
     assert host.say(rtu(question)) == rtu(answer)
 
 
@@ -85,7 +87,7 @@ def go(mode: str, position: str, rpm: str = "00 3C", ramps: str = "01 4D 01 4D")
 STATUS, POSITION = "01 03 10 03 00 01", "01 03 10 14 00 02"
 
 
-def test_an_absolute_move_takes_its_time_and_shows(host: Host, rtu: Rtu) -> None:
+def test_the_virtual_drive_reports_an_absolute_move_for_its_duration(host: Host, rtu: Rtu) -> None:
     """1000 pulses at 60 rpm, 400 pulses/s: 2.5 s, and 20 ms of ramp (333 ms for 1000 rpm); 2.2 ms for the frame."""
     began_s = host.clock.monotonic_s()
     host.say(rtu(go("00 01", "00 00 03 E8")), 1.0)
@@ -106,7 +108,7 @@ def home(host: Host, rtu: Rtu) -> None:
     assert host.say(rtu(STATUS)) == rtu("01 03 02 00 72")
 
 
-def test_soft_limits_hold_in_the_drive(host: Host, rtu: Rtu) -> None:
+def test_the_virtual_drive_stops_at_its_soft_limits(host: Host, rtu: Rtu) -> None:
     """−1000 … 0; a move to −2000 ends at −1000, and its path is not done."""
     home(host, rtu)
     host.say(rtu("01 10 60 06 00 04 08 00 00 00 00 FF FF FC 18"))
@@ -121,7 +123,7 @@ def test_soft_limits_hold_in_the_drive(host: Host, rtu: Rtu) -> None:
     assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FF F8 30")
 
 
-def test_a_quick_stop_slows_down_evenly_and_the_drive_knows_where_it_is(host: Host, rtu: Rtu) -> None:
+def test_a_quick_stop_of_the_virtual_drive_decelerates_and_keeps_the_position(host: Host, rtu: Rtu) -> None:
     """600 rpm are 4000 pulses/s: to rest in 10 ms after 20 pulses, 15 of them in the first half."""
     host.say(rtu(go("00 01", "00 01 00 00", "02 58")), 1.0)
     order = rtu("01 06 60 02 00 40")
@@ -143,7 +145,7 @@ def test_a_quick_stop_slows_down_evenly_and_the_drive_knows_where_it_is(host: Ho
     assert host.drive.carriage_at(host.clock.monotonic_s()) == -3900
 
 
-def test_a_broadcast_stops_every_drive_and_nobody_answers(host: Host, rtu: Rtu) -> None:
+def test_a_broadcast_stops_every_virtual_drive_without_an_answer(host: Host, rtu: Rtu) -> None:
     move = go("00 01", "00 01 00 00")
     host.say(rtu(move))
     host.say(rtu("07" + move[2:]), 0.5)
@@ -153,7 +155,9 @@ def test_a_broadcast_stops_every_drive_and_nobody_answers(host: Host, rtu: Rtu) 
 
 
 @pytest.mark.parametrize(("word", "sign"), [("40 01", 1), ("40 02", -1)])
-def test_a_jog_dies_50_ms_after_its_last_word(host: Host, rtu: Rtu, word: str, sign: int) -> None:
+def test_a_jog_of_the_virtual_drive_ends_50_ms_after_its_last_command(
+    host: Host, rtu: Rtu, word: str, sign: int
+) -> None:
     """60 rpm are 400 pulses/s: one word is 20 pulses, fifty at 40 ms from each other are 49 · 16 + 20."""
     host.say(rtu(f"01 06 18 01 {word}"), 1.0)
     assert sign * (host.drive.carriage_at(host.clock.monotonic_s()) + 4000) == pytest.approx(20, abs=2)
@@ -166,7 +170,7 @@ def test_a_jog_dies_50_ms_after_its_last_word(host: Host, rtu: Rtu, word: str, s
     assert moved == pytest.approx(20 + 49 * 16 + 20, abs=2)
 
 
-def test_an_alarm_stops_and_stays_until_cleared(host: Host, rtu: Rtu) -> None:
+def test_an_alarm_stops_the_virtual_drive_until_it_is_cleared(host: Host, rtu: Rtu) -> None:
     host.say(rtu(go("00 01", "00 01 00 00")), 0.5)
     host.drive.fault(0x152)
     host.clock.wait_s(0.1)
@@ -181,7 +185,7 @@ def test_an_alarm_stops_and_stays_until_cleared(host: Host, rtu: Rtu) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 1, 15])
-def test_each_path_has_a_trigger_of_its_own(host: Host, rtu: Rtu, number: int) -> None:
+def test_each_path_of_the_virtual_drive_has_its_own_trigger(host: Host, rtu: Rtu, number: int) -> None:
     """1F runs PR15, whose registers begin at 6278."""
     path = "00 01 00 00 00 64 02 58 01 4D 01 4D 00 00"
     host.say(rtu(f"01 10 62 {8 * number:02X} 00 07 0E {path}"), 1.0)
@@ -193,7 +197,7 @@ def test_each_path_has_a_trigger_of_its_own(host: Host, rtu: Rtu, number: int) -
     assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
 
 
-def test_what_was_not_saved_is_gone_when_it_is_switched_on_again() -> None:
+def test_the_virtual_drive_loses_unsaved_settings_at_a_power_cycle() -> None:
     drive = VirtualDrive(VirtualClock(), stored={0x6208: 0x41})
     drive.write(0x6208, [0])
     drive.write(0x6008, [0xFFFF, 0xFF00])
@@ -205,13 +209,13 @@ def test_what_was_not_saved_is_gone_when_it_is_switched_on_again() -> None:
     assert drive.read(0x6208, 1) == [0]
 
 
-def test_a_gateway_passes_unit_0_on_to_every_drive() -> None:
+def test_a_virtual_gateway_passes_unit_0_to_every_drive() -> None:
     host = Host("tcp")
     assert host.say(bytes.fromhex("0001 0000 0006 00 06 6000 0002")) == b""
     assert host.drive.read(0x6000, 1) == host.seven.read(0x6000, 1) == [2]
 
 
-def test_power_cycle_forgets_where_home_is(host: Host, rtu: Rtu) -> None:
+def test_a_power_cycle_of_the_virtual_drive_loses_its_home(host: Host, rtu: Rtu) -> None:
     home(host, rtu)
     host.say(rtu(go("00 01", "FF FF FC 18")), 10.0)
     host.drive.power_cycle()
@@ -233,7 +237,7 @@ def told(host: Host, rtu: Rtu) -> tuple[int, int, int]:
     return tuple(int.from_bytes(answer[a:b], "big") for a, b in ((3, 5), (5, 9), (9, 13)))  # type: ignore[return-value]
 
 
-def test_a_minus_is_in_the_status(rtu: Rtu) -> None:
+def test_the_virtual_transmitter_shows_a_negative_weight_in_its_status_bits(rtu: Rtu) -> None:
     """Bit 7 gross, 8 net, 11 stable."""
     host = Host(force_n=lambda t_s: -2.334 * GRAM_N)
     host.clock.wait_s(1.0)
@@ -241,13 +245,13 @@ def test_a_minus_is_in_the_status(rtu: Rtu) -> None:
 
 
 @pytest.mark.parametrize(("grams", "bits"), [(209.5, 0x0004), (331.0, 0x000C), (10_001.0, 0x003C)])
-def test_too_much(rtu: Rtu, grams: float, bits: int) -> None:
+def test_the_virtual_transmitter_flags_each_level_of_overload(rtu: Rtu, grams: float, bits: int) -> None:
     host = Host(force_n=lambda t_s: grams * GRAM_N)
     host.clock.wait_s(1.0)
     assert told(host, rtu)[0] & 0x003F == bits
 
 
-def test_a_dead_cell_and_a_dead_converter(rtu: Rtu) -> None:
+def test_the_virtual_transmitter_flags_a_dead_cell_and_a_dead_converter(rtu: Rtu) -> None:
     host = Host(force_n=lambda t_s: float("nan"))
     host.clock.wait_s(1.0)
     assert told(host, rtu)[0] & 0x0801 == 0x0001
@@ -256,7 +260,7 @@ def test_a_dead_cell_and_a_dead_converter(rtu: Rtu) -> None:
     assert told(host, rtu)[0] & 0x0803 == 0x0002
 
 
-def test_the_filter_is_a_mean_of_samples_on_a_grid(rtu: Rtu) -> None:
+def test_the_filter_of_the_virtual_transmitter_averages_its_last_samples(rtu: Rtu) -> None:
     """A step at 1 s; samples every 12.5 ms, four in the mean."""
     host = Host(force_n=lambda t_s: 4 * GRAM_N if t_s >= 1.0 else 0.0)
     counts = []
@@ -274,7 +278,7 @@ READ_2_OF_TCP = bytes.fromhex("0001 0000 0006 03 03 0007 0002")
 ANSWER_OF_TCP = bytes.fromhex("0001 0000 0007 03 03 04")
 
 
-def test_a_tcp_length_that_cannot_be_ends_in_nothing_and_not_in_silence_for_ever() -> None:
+def test_a_virtual_device_ignores_a_frame_of_impossible_length_and_answers_the_next() -> None:
     tcp = Host("tcp")
     assert tcp.say(bytes.fromhex("0001 0000 FFFF 03 03 0007 0002")) == b""
     assert tcp.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)

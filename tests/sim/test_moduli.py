@@ -51,7 +51,7 @@ def rng() -> np.random.Generator:
 
 
 @pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
-def test_weights_are_exact_for_what_they_are_made_for(axis: StiffnessAxis) -> None:
+def test_interpolation_weights_are_exact_for_their_functions(axis: StiffnessAxis) -> None:
     np.testing.assert_allclose(axis.weights(axis.nodes), np.eye(4), atol=1e-12)
     values = np.geomspace(axis.low, axis.high, 33)
     for pole in (0.0, axis.middle / np.e, axis.middle * np.e):
@@ -61,7 +61,7 @@ def test_weights_are_exact_for_what_they_are_made_for(axis: StiffnessAxis) -> No
 
 
 @pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
-def test_the_error_is_the_largest_of_any_sum_of_such_functions(axis: StiffnessAxis, rng: np.random.Generator) -> None:
+def test_the_stated_interpolation_error_bounds_any_compliance(axis: StiffnessAxis, rng: np.random.Generator) -> None:
     assert axis.error == pytest.approx(0.004583, abs=1e-6)
     assert axis.growth == pytest.approx(2.33759, abs=1e-5)
     values = np.geomspace(axis.low, axis.high, 500)
@@ -75,7 +75,7 @@ def test_the_error_is_the_largest_of_any_sum_of_such_functions(axis: StiffnessAx
         assert np.abs(axis.weights(values) @ compliance(axis.nodes) / right - 1).max() < axis.error  # type: ignore
 
 
-def test_any_compliance_stays_positive_definite() -> None:
+def test_interpolated_compliance_stays_within_two_percent_of_a_full_build() -> None:
     """Interpolated within 1.5 % of a full build in every direction, whatever the finger."""
     assert largest_error() == pytest.approx(0.004583 * (1 + 2.33759), abs=1e-5)
     other = StiffnessAxis(0.01, 1.0)
@@ -111,7 +111,9 @@ def load(finger: FingertipConfig, *, exact: bool) -> Fingertip:
 
 
 @pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.04, 0.02), (0.64, 0.02), (0.588, 0.25)])
-def test_interpolated_finger_is_within_its_bounds_of_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
+def test_an_interpolated_finger_is_within_its_stated_errors_of_a_full_build(
+    nodes: Path, e_dermis: float, e_fat: float
+) -> None:
     near, full = (load(config(e_dermis, e_fat), exact=exact) for exact in (False, True))
     ratio = eigh(near.model.patch.compliance, full.model.patch.compliance, eigvals_only=True)
     assert np.abs(ratio - 1).max() < largest_error()
@@ -126,7 +128,7 @@ def test_interpolated_finger_is_within_its_bounds_of_a_full_build(nodes: Path, e
         assert found.force_n != right.force_n
 
 
-def test_interpolated_finger_at_a_node_is_the_full_build(nodes: Path) -> None:
+def test_an_interpolated_finger_at_a_node_equals_the_full_build(nodes: Path) -> None:
     finger = config(float(DERMIS.nodes[1]), float(FAT.nodes[2]))
     near, full = (load(finger, exact=exact) for exact in (False, True))
     scale = np.abs(full.model.patch.compliance).max()
@@ -137,7 +139,7 @@ def test_interpolated_finger_at_a_node_is_the_full_build(nodes: Path) -> None:
     assert found == pytest.approx(right, rel=1e-6)
 
 
-def test_answers_say_how_they_were_made(nodes: Path) -> None:
+def test_results_state_whether_the_finger_was_interpolated(nodes: Path) -> None:
     near = load(config(), exact=False)
     assert near.from_cache
     assert near.model.kind == INTERPOLATED == near.indent("cylinder:9", doi_mm=0.2).as_json()["solver"]["model"]
@@ -147,7 +149,7 @@ def test_answers_say_how_they_were_made(nodes: Path) -> None:
     assert again.model.kind == INTERPOLATED
 
 
-def test_a_larger_patch_and_other_points_are_the_fingers_own(nodes: Path) -> None:
+def test_a_larger_patch_of_an_interpolated_finger_is_built_in_full(nodes: Path) -> None:
     near, full = (load(config(0.2, 0.05), exact=exact) for exact in (False, True))
     wide = (2.0, 1.5)
     assert near.model_for(ALONG, wide).kind == "finger"
@@ -157,13 +159,15 @@ def test_a_larger_patch_and_other_points_are_the_fingers_own(nodes: Path) -> Non
 
 
 @pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.03, 0.1), (0.1, 0.5)])
-def test_moduli_beyond_the_range_are_refused(e_dermis: float, e_fat: float) -> None:
+def test_moduli_beyond_the_interpolation_range_are_refused(e_dermis: float, e_fat: float) -> None:
     known = {"dermis_low": 0.04, "dermis_high": 0.64, "fat_low": 0.02, "fat_high": 0.32}
     with raises(ModelRangeError, "not_interpolated", e_dermis=e_dermis, e_fat=e_fat, **known):
         load(config(e_dermis, e_fat), exact=False)
 
 
-def test_missing_build_is_made_and_announced(nodes: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_missing_build_of_an_interpolated_finger_is_made_and_logged(
+    nodes: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     node = nodes_for(config(), PLACES)[6]
     node.files[0].unlink()
     with caplog.at_level(logging.INFO, "sim.models.interpolation"):
@@ -197,5 +201,7 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (asked(*NINE[:4]) + asked(*NINE[4:], epidermis_mm=0.3), [False] * 9),
     ],
 )
-def test_nine_fingers_of_a_family_are_interpolated(fingers: list[FingerWithReceptors], expected: list[bool]) -> None:
+def test_nine_or_more_fingers_of_a_family_are_interpolated(
+    fingers: list[FingerWithReceptors], expected: list[bool]
+) -> None:
     assert worth_interpolating(fingers) == expected

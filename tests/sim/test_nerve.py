@@ -80,20 +80,22 @@ def butterworth(derivative: int) -> Array:
         ),
     ],
 )
-def test_filters_are_exact_between_samples(ours: Callable[[Array], Array], exact: Callable[[], Array]) -> None:
+def test_afferent_filters_are_exact_for_linear_input_between_samples(
+    ours: Callable[[Array], Array], exact: Callable[[], Array]
+) -> None:
     known = exact()
     np.testing.assert_allclose(ours(BENT[None])[0], known, rtol=0, atol=1e-9 * np.abs(known).max())
 
 
 @pytest.mark.parametrize("membrane", [Membrane(0.02, 0.002, 0.0), Membrane(0.02, 0.002, 0.0, reset=-2.0)])
-def test_without_noise_intervals_are_those_of_the_closed_form(membrane: Membrane) -> None:
+def test_without_noise_spike_intervals_agree_with_the_closed_form(membrane: Membrane) -> None:
     found = spikes(np.full(2001, 1.5), 1e-3, membrane, 2, np.random.default_rng(1))
     known = 0.002 + 0.02 * np.log((1.5 - membrane.reset) / 0.5)
     np.testing.assert_allclose(np.diff(found), known, atol=MOST_STEP_S)
     np.testing.assert_allclose(np.diff(found).mean(), known, rtol=5e-3)
 
 
-def test_a_current_after_a_spike_delays_the_next_one_as_the_integral_says() -> None:
+def test_the_current_after_a_spike_delays_the_next_spike_as_integrated() -> None:
     membrane = Membrane(0.02, 0.002, 0.0, reset=-1.0, after=0.8)
     found = spikes(np.full(2001, 1.6), 1e-3, membrane, 1, np.random.default_rng(1))
     gap_s = float(np.diff(found).mean())
@@ -106,7 +108,7 @@ def test_a_current_after_a_spike_delays_the_next_one_as_the_integral_says() -> N
     assert gap_s > 1.1 * float(np.diff(plain).mean())
 
 
-def test_noise_grows_with_the_root_of_the_step() -> None:
+def test_noisy_spike_rates_do_not_depend_on_the_time_step() -> None:
     membrane, lasts_s = Membrane(0.02, 0.002, 0.4), 40.0
     rates, spreads = [], []
     for step_s in (MOST_STEP_S, MOST_STEP_S / 4):
@@ -129,7 +131,7 @@ STEADY: dict[str, tuple[AfferentModel, Array]] = {
 
 
 @pytest.mark.parametrize("name", STEADY)
-def test_the_slow_threshold_of_a_class_follows_a_share_of_its_drive(name: str) -> None:
+def test_the_slow_threshold_of_an_afferent_class_follows_a_share_of_its_drive(name: str) -> None:
     model, value = STEADY[name]
     (found,) = model.current(Signal(_STEP_S, value[None]), np.array([1.0]))
     share = model.slow_share  # type: ignore[attr-defined]
@@ -141,7 +143,7 @@ def test_the_slow_threshold_of_a_class_follows_a_share_of_its_drive(name: str) -
 # --- stimulus and skin ---
 
 
-def test_depth_is_that_of_the_ramp_with_rounded_corners() -> None:
+def test_the_depth_of_a_ramp_stimulus_has_rounded_corners() -> None:
     stimulus = Stimulus.ramp(1.0, 10.0, 0.5, begins_s=0.1, away_mm=0.2, corner_s=0.02)
     np.testing.assert_allclose(
         stimulus.depth_mm([0.0, 0.1, 0.15, 0.4, 0.75, 1.0]), [-0.2, 0.0, 0.5, 1.0, 0.5, -0.2], atol=1e-12
@@ -152,7 +154,7 @@ def test_depth_is_that_of_the_ramp_with_rounded_corners() -> None:
     assert np.abs(acceleration).max() == pytest.approx(10 / 0.02, rel=1e-3)
 
 
-def test_a_table_of_presses_gives_the_press_between_its_levels(halfspace: Fingertip) -> None:
+def test_the_skin_table_interpolates_presses_between_its_levels(halfspace: Fingertip) -> None:
     finger, model = halfspace, BUILT_IN["SA1"]
     points = finger.points_below([0.0, 0.5], model.depth_mm)
     found = SkinUnderIndentor(finger, "cylinder:9", points, model.measure, 0.4)
@@ -197,7 +199,7 @@ def test_sa1_declines_irregularly_in_a_hold() -> None:
     assert 0.2 <= np.mean([gaps.std() / gaps.mean() for gaps in late]) <= 0.9
 
 
-def test_an_earlier_press_is_remembered() -> None:
+def test_an_earlier_press_lowers_the_sa1_response() -> None:
     def press(at_s: float) -> list[float]:
         return [at_s, at_s + 0.1, at_s + 5, at_s + 5.1]
 
@@ -208,7 +210,9 @@ def test_an_earlier_press_is_remembered() -> None:
 
 
 @pytest.mark.parametrize(("name", "frequency_hz", "amplitude_um"), [("RA", 40.0, 110.0), ("PC", 250.0, 30.0)])
-def test_one_spike_a_cycle_in_its_phase(name: str, frequency_hz: float, amplitude_um: float) -> None:
+def test_ra_and_pc_fire_one_phase_locked_spike_per_vibration_cycle(
+    name: str, frequency_hz: float, amplitude_um: float
+) -> None:
     found = trains(name, vibrating(frequency_hz, amplitude_um), np.ones(6), 2e-4)
     cut = [one[(one > 1.1) & (one < 1.9)] for one in found]
     assert [len(one) / (0.8 * frequency_hz) for one in cut] == pytest.approx(np.ones(6), rel=0.05)
@@ -217,14 +221,14 @@ def test_one_spike_a_cycle_in_its_phase(name: str, frequency_hz: float, amplitud
 
 
 @pytest.mark.parametrize(("name", "most"), [("SA1", 0.02), ("RA", 0.02), ("PC", 0.04)])
-def test_the_step_of_the_signal_has_little_say(name: str, most: float) -> None:
+def test_spike_counts_hardly_depend_on_the_time_step_of_the_signal(name: str, most: float) -> None:
     slow, gains = Stimulus.ramp(0.8, 10.0, 0.4, begins_s=0.1), np.geomspace(0.4, 2.5, 150)
     coarse, fine = (total(trains(name, slow, gains, step_s)) for step_s in (1e-3, 2.5e-4))
     assert fine > 100
     assert coarse == pytest.approx(fine, rel=most)
 
 
-def test_a_seed_gives_its_spikes_whatever_the_others_are() -> None:
+def test_the_spikes_of_a_seed_do_not_depend_on_other_afferents() -> None:
     signal, model = skin("SA1").signal(PRESS, 1e-3), BUILT_IN["SA1"]
     one = spikes_of(model, signal, [1.0], [7])
     several = spikes_of(model, signal, [0.8, 1.0, 1.0], [1, 7, 8])
@@ -234,7 +238,7 @@ def test_a_seed_gives_its_spikes_whatever_the_others_are() -> None:
 
 @pytest.mark.parametrize("name", BUILT_IN)
 @pytest.mark.parametrize("blocks", [[20], [3, 1, 40, 1700]])
-def test_blocks_of_a_signal_do_not_move_a_spike(name: str, blocks: list[int]) -> None:
+def test_spikes_do_not_depend_on_the_blocks_of_a_signal(name: str, blocks: list[int]) -> None:
     """To the last bit: filters, membranes and noise continue."""
     gains, seeds, step_s = [0.5, 1.0, 4.0], [1, 2, 3], MOST_STEP_S
     signal = skin(name).signal(vibrating(100.0, 30.0), step_s, 1.4)
@@ -252,7 +256,7 @@ def test_blocks_of_a_signal_do_not_move_a_spike(name: str, blocks: list[int]) ->
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_the_strongest_end_organ_paces_an_afferent(name: str) -> None:
+def test_an_afferent_fires_with_its_strongest_end_organ(name: str) -> None:
     """Weaker ones and copies change nothing; where another is stronger, it takes over."""
     model, signal, gains, seeds = BUILT_IN[name], skin(name).signal(PRESS, 1e-3), [0.5, 1.0, 4.0], [1, 2, 3]
     one = spikes_of(model, signal, gains, seeds)
@@ -283,7 +287,7 @@ QUIET = Signal(1e-3, np.zeros((1, 10)))
         ("bad_vibration", lambda: vibrating(0.0, 10.0)),
     ],
 )
-def test_bad_arguments_have_a_code(code: str, wrong: Callable[[], object]) -> None:
+def test_malformed_arguments_of_afferents_are_refused_with_a_code(code: str, wrong: Callable[[], object]) -> None:
     with raises(ArgumentError, code):
         wrong()
 
@@ -296,7 +300,9 @@ def test_bad_arguments_have_a_code(code: str, wrong: Callable[[], object]) -> No
         ("step_too_long", vibrating(250.0, 10.0), 1e-3),
     ],
 )
-def test_a_stimulus_out_of_range_has_a_code(code: str, stimulus: Stimulus, step_s: float) -> None:
+def test_a_stimulus_beyond_depth_or_step_limits_is_refused_with_a_code(
+    code: str, stimulus: Stimulus, step_s: float
+) -> None:
     with raises(ModelRangeError, code):
         skin("SA1").signal(stimulus, step_s)
 
@@ -329,7 +335,7 @@ def fires(model: str, sensitivity: float, speed_mm_s: float) -> bool:
 
 
 @pytest.mark.parametrize("case", SPEEDS, ids=str)
-def test_an_afferent_fires_from_its_speed_on_and_not_below(case: tuple[str, float]) -> None:
+def test_an_afferent_fires_at_and_above_its_firing_speed_only(case: tuple[str, float]) -> None:
     low, high = SPEEDS[case]
     found = firing_speed_mm_s(BUILT_IN[case[0]], case[1], skin_at_rest_to(case[0]), DOI_MM)
     if low is None or high is None:

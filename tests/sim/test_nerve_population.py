@@ -28,7 +28,7 @@ from sim.nerve.stimulus import Stimulus
 from tests.error_codes import raises
 
 
-def test_a_text_asks_for_afferents() -> None:
+def test_afferents_are_requested_by_a_text_of_counts_classes_and_places() -> None:
     assert parse_afferents("3xSA1, 5xRA,PC@0.5:-1,2xSA1@-1") == (
         AfferentRequest("SA1", 3),
         AfferentRequest("RA", 5),
@@ -52,7 +52,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_what_cannot_be_drawn_is_refused(halfspace: Fingertip, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_afferent_request_that_cannot_be_placed_is_refused(
+    halfspace: Fingertip, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sim.nerve.population._MOST_TRIES", 20)
     with raises(ModelRangeError, "unknown_density", density="cat paw"):
         population(halfspace, "cat paw")
@@ -68,7 +70,7 @@ def test_an_afferent_depends_on_seed_class_and_number_only(halfspace: Fingertip)
     assert [one.name for one in together] == ["RA-1", "RA-2", "RA-3", "RA-4", "SA1-1", "SA1-2", "SA1-3"]
 
 
-def test_end_organs_lie_in_the_field(halfspace: Fingertip) -> None:
+def test_end_organs_lie_within_the_receptive_field(halfspace: Fingertip) -> None:
     """As many as the class has, even in a disc; they do not depend on where an afferent lies."""
     for name, model in BUILT_IN.items():
         drawn = draw(halfspace, f"100x{name}@0", 4)
@@ -84,7 +86,7 @@ def test_end_organs_lie_in_the_field(halfspace: Fingertip) -> None:
         assert draw(halfspace, f"{name}@0.4:0.3", 4)[0].organs_mm == drawn[0].organs_mm
 
 
-def test_end_organs_beside_the_tissue_are_drawn_again() -> None:
+def test_end_organs_outside_the_tissue_are_drawn_again() -> None:
     finger = load("finger")
     pad = Pad.of(finger)
     edge = draw(finger, f"8xRA@{math.floor(100 * pad.half_x_mm) / 100}", 1)
@@ -92,7 +94,7 @@ def test_end_organs_beside_the_tissue_are_drawn_again() -> None:
     assert max(one.x_mm + x_mm for one in edge for x_mm, _ in one.organs_mm) > pad.half_x_mm
 
 
-def test_places_found_together_are_those_found_one_by_one(halfspace: Fingertip) -> None:
+def test_tissue_places_found_together_equal_those_found_one_by_one(halfspace: Fingertip) -> None:
     """Also which have no tissue: beside the skin, below the bone's surface, at an end."""
     rng, depth = np.random.default_rng(5), 1.8
     x, along = rng.uniform(-8, 8, 12), rng.uniform(-4, 4, 12)
@@ -107,7 +109,7 @@ def test_places_found_together_are_those_found_one_by_one(halfspace: Fingertip) 
 
 
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])
-def test_a_population_has_the_published_density_and_room_between(halfspace: Fingertip, density: str) -> None:
+def test_a_population_has_the_published_density_and_spacing(halfspace: Fingertip, density: str) -> None:
     """Row 18 of the published tests: densities within 10 %, and no two afferents of a class too close."""
     found, pad = population(halfspace, density, seed=1), Pad.of(halfspace)
     for name, per_cm2 in DENSITY_PER_CM2[density].items():
@@ -118,7 +120,7 @@ def test_a_population_has_the_published_density_and_room_between(halfspace: Fing
         assert apart.min() >= SPACING_SHARE * 10 / math.sqrt(per_cm2) - 2e-3  # places are rounded
 
 
-def test_velocities_and_sensitivities_are_as_published(halfspace: Fingertip) -> None:
+def test_conduction_velocities_and_sensitivities_are_as_published(halfspace: Fingertip) -> None:
     """Row 18: means within the printed ± of Knibestöl (1973), and the range of each class."""
     for name, within in {"RA": 3.4, "PC": 3.6}.items():
         mine = draw(halfspace, f"200x{name}@0", 5)
@@ -136,7 +138,7 @@ def test_velocities_and_sensitivities_are_as_published(halfspace: Fingertip) -> 
         assert 0.009 <= np.median([one.delay_s(0.65) for one in mine]) <= 0.018
 
 
-def test_a_population_answers_a_press(halfspace: Fingertip) -> None:
+def test_the_response_of_a_population_has_consistent_spikes_rates_and_delays(halfspace: Fingertip) -> None:
     """Rates, histogram and part of a response agree with its spikes, which come later by the delay."""
     found = draw(halfspace, "2xSA1@0,RA@0", 2)
     stimulus = Stimulus.ramp(0.4, 4.0, 0.5)
@@ -161,7 +163,7 @@ def test_a_population_answers_a_press(halfspace: Fingertip) -> None:
 # --- the staircase ---
 
 
-def test_a_stage_moves_and_rests() -> None:
+def test_a_staircase_stimulus_moves_with_the_stage_acceleration_and_rests() -> None:
     """0.3 mm at 1 mm/s and 50 mm/s²: 0.3 s and 0.02 s more, halfway after half of it; then a rest."""
     stairs = Staircase([0.0, 1.0, 2.0], [-0.1, 0.2, 0.2], [1.0, 1.0, 1.0], 50.0)
     assert stairs.depth_mm([-1.0, 0.0, 0.16, 0.32, 0.7, 1.5, 3.0]) == pytest.approx(

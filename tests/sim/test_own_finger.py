@@ -109,7 +109,7 @@ def test_a_mirrored_finger_gives_mirrored_answers(small: Fingertip) -> None:
 
 
 @pytest.mark.parametrize("shift", [1.0, 1.5])
-def test_a_finger_lying_off_centre(shift: float) -> None:
+def test_contact_is_found_on_a_finger_off_center(shift: float) -> None:
     """The pulp 1 and 1.5 mm beside the bone's axis: the points are followed, contact is found where the pulp is."""
 
     def load(mirror: int) -> Fingertip:
@@ -155,7 +155,7 @@ def force_n(spec: MeshSpec = COARSE, doi_mm: float = 0.3, **tissue: float) -> fl
         ("nail_arc_deg", (0.0, 200.0)),  # more of the skin held
     ],
 )
-def test_more_of_the_stiff_makes_a_stiffer_finger(parameter: str, values: tuple[float, ...]) -> None:
+def test_more_of_a_stiffer_layer_makes_a_stiffer_finger(parameter: str, values: tuple[float, ...]) -> None:
     coarser = NARROW.model_copy(update={"spacing_mm": 0.5, "growth": 2.0})
     forces = [force_n(coarser, doi_mm=0.15, **{parameter: value}) for value in values]
     assert np.diff(forces).min() > 0, forces
@@ -170,7 +170,7 @@ def test_layers_of_one_stiffness_are_one_layer() -> None:
     assert forces[1] > 3 * force_n()  # dermis and fat ten times softer; measured 5.8 times
 
 
-def test_high_aspect_ratios() -> None:
+def test_flat_elements_of_high_aspect_ratio_change_the_force_by_under_one_percent() -> None:
     """Flat elements under the contact, one stiffness: the answer of a mesh of well-shaped ones."""
     # Epidermis of 0.06 mm in four elements, 0.25 mm wide: aspect ratio 23 in the patch, 310 at the tip. Against two
     # elements of 0.2 mm: measured 0.1 % in force; 1 % is what the meshes of different sizes above differ by.
@@ -194,7 +194,7 @@ def test_high_aspect_ratios() -> None:
         ({"bone_fraction": 0.59, "dermis_mm": 1.2}, None, 1.99, 1.39),
     ],
 )
-def test_layers_thinner_than_asked_for_are_refused(
+def test_layers_that_leave_no_room_for_fat_are_refused(
     tissue: dict[str, float], skin_mm: float | None, bone_mm: float, most_mm: float
 ) -> None:
     config = FingertipConfig(tissue=Tissue(**tissue), mesh=COARSE)  # type: ignore[arg-type]

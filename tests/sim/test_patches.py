@@ -50,7 +50,7 @@ ONCE, TWICE, PLANE = 2.5 * 1.25, 2.5 * 1.25**2, 6.893
         ((0.0, 11.0), [], (2.5, 0.3 * 17)),  # no farther than the finger goes: to 0.5 mm of its end
     ],
 )
-def test_the_next_patch(
+def test_a_patch_grows_to_the_next_size_that_holds_the_contact(
     coarse_finger: Fingertip,
     at: tuple[float, float],
     others: list[tuple[float, float]],
@@ -60,7 +60,7 @@ def test_the_next_patch(
     assert found == pytest.approx(expected, abs=1e-9)
 
 
-def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> None:
+def test_a_larger_patch_is_refused_if_it_exceeds_the_memory_limit(coarse_finger: Fingertip) -> None:
     """10 × 8 bytes × (2 or 3 directions × nodes)²: of 3.125 × 3.125 mm at 0.3 mm some 23 × 23 nodes."""
     surface = coarse_finger.surface
     for slopes, gb in ((ALONG, 0.14), (BOTH, 0.3)):
@@ -81,7 +81,7 @@ def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> Non
         ("bar:3", {"x_mm": 1.9}, {"force_gwt": 25.0}, (False, True)),
     ],
 )
-def test_scenes_that_leave_the_own_patch_are_answered(
+def test_a_press_that_leaves_the_patch_is_solved_on_a_larger_one(
     coarse_finger: Fingertip,
     shape: str,
     place: dict[str, float],
@@ -105,7 +105,7 @@ def test_scenes_that_leave_the_own_patch_are_answered(
     np.testing.assert_array_equal(mesh.nodes[mesh.patch_nodes], result.model.patch.position_mm)
 
 
-def test_a_smaller_scene_stays_on_the_own_patch(coarse_finger: Fingertip) -> None:
+def test_a_small_press_uses_the_own_patch_even_after_a_larger_one(coarse_finger: Fingertip) -> None:
     """Also once a larger patch is there: answers do not hang on what was asked before."""
     before = coarse_finger.indent("flat", doi_mm=0.3)
     coarse_finger.indent("flat", doi_mm=2.0)
@@ -115,7 +115,7 @@ def test_a_smaller_scene_stays_on_the_own_patch(coarse_finger: Fingertip) -> Non
     assert after.force_n == before.force_n
 
 
-def test_going_on_from_a_state_of_another_patch_is_starting_from_rest(coarse_finger: Fingertip) -> None:
+def test_a_start_state_of_another_patch_is_ignored(coarse_finger: Fingertip) -> None:
     shallow, deep = (coarse_finger.indent("flat", doi_mm=doi) for doi in (0.3, 2.0))
     again = coarse_finger.indent("flat", doi_mm=0.3, start=deep.state)
     assert again.force_n == shallow.force_n
@@ -123,7 +123,7 @@ def test_going_on_from_a_state_of_another_patch_is_starting_from_rest(coarse_fin
     assert onward.force_n == pytest.approx(deep.force_n, rel=1e-9)
 
 
-def test_a_plate_on_a_flat_pad() -> None:
+def test_a_plate_on_a_flat_pad_touches_nearly_its_whole_width() -> None:
     """Radii of 6.4 and 6 mm at its apex: pressed to 2 mm, touched nearly as wide as it is."""
     geometry = Geometry(sections=tuple((z, 5.5, 4.2 - (z - 6.9) ** 2 / 12, 0.0) for z in np.linspace(0, 12.75, 8)))
     mesh = MeshSpec(spacing_mm=0.6, axial_spacing_mm=0.8, patch_x_mm=2.0, patch_z_mm=2.0, epidermis_elements=1,
@@ -136,7 +136,7 @@ def test_a_plate_on_a_flat_pad() -> None:
     assert touching.max() - touching.min() > 6.0
 
 
-def test_a_finger_from_the_cache_keeps_its_larger_patches(
+def test_a_cached_finger_keeps_its_larger_patches(
     coarse_config: FingertipConfig, tmp_path: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))

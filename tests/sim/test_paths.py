@@ -30,7 +30,7 @@ def depends(finger: Fingertip) -> IndentationResult:
 # --- what is flagged ---
 
 
-def test_an_answer_that_depends_on_its_path_is_flagged_and_has_both(
+def test_a_path_dependent_force_is_flagged_with_the_forces_of_other_paths(
     finger: Fingertip, depends: IndentationResult
 ) -> None:
     alone = _pressed(finger, DEPENDS)
@@ -42,13 +42,15 @@ def test_an_answer_that_depends_on_its_path_is_flagged_and_has_both(
     assert min(depends.other_forces_n) > depends.force_n
 
 
-def test_an_answer_after_which_nothing_snapped_is_certain(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_force_without_a_snap_has_no_path_spread_and_is_not_solved_again(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(Pressing, "by_other_paths", lambda *_: pytest.fail("solved again"))
     certain = _pressed(finger, CERTAIN, other_paths=True)
     assert (certain.may_depend_on_path, certain.path_spread, certain.other_forces_n) == (False, 0.0, ())
 
 
-def test_a_flag_may_turn_out_to_be_nothing(coarse_finger: Fingertip) -> None:
+def test_a_flagged_force_may_have_no_path_spread(coarse_finger: Fingertip) -> None:
     result = _pressed(coarse_finger, DOES_NOT, other_paths=True)
     assert result.may_depend_on_path
     assert result.path_spread is not None
@@ -56,7 +58,9 @@ def test_a_flag_may_turn_out_to_be_nothing(coarse_finger: Fingertip) -> None:
     assert result.other_forces_n == pytest.approx((result.force_n,) * 2, rel=1e-8)
 
 
-def test_a_force_is_held_against_other_paths_to_its_depth(finger: Fingertip, depends: IndentationResult) -> None:
+def test_force_control_compares_with_other_paths_to_the_same_depth(
+    finger: Fingertip, depends: IndentationResult
+) -> None:
     # The search ends at another equilibrium's depth by no more than its tolerance, and so do the other paths.
     forced = finger.indent(DEPENDS[0], DEPENDS[1], force_gwt=depends.force_gwt, other_paths=True)
     assert forced.doi_mm == pytest.approx(DEPENDS[2], abs=1e-7)
@@ -66,7 +70,7 @@ def test_a_force_is_held_against_other_paths_to_its_depth(finger: Fingertip, dep
 # --- why: edges ---
 
 
-def test_bearing_at_an_edge_is_flagged_though_nothing_snapped(
+def test_contact_at_a_sharp_edge_is_flagged_as_path_dependent(
     finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert _pressed(finger, (Bar(1.5, 0.0), 0.0, 0.3)).may_depend_on_path
@@ -86,7 +90,9 @@ def test_bearing_at_an_edge_is_flagged_though_nothing_snapped(
         (True, (0.9, 0.95), 0.1),
     ],
 )
-def test_spread(depends: IndentationResult, snapped: bool, others: tuple[float, ...], spread: float) -> None:
+def test_the_path_spread_is_the_largest_relative_difference_of_forces(
+    depends: IndentationResult, snapped: bool, others: tuple[float, ...], spread: float
+) -> None:
     forces = tuple(depends.force_n * other for other in others)
     result = replace(depends, state=replace(depends.state, snapped=snapped), other_forces_n=forces)
     assert result.path_spread == pytest.approx(spread, abs=1e-15)
@@ -96,7 +102,9 @@ def test_spread(depends: IndentationResult, snapped: bool, others: tuple[float, 
     assert (" path" in repr(result)) is snapped
 
 
-def test_tables_have_flag_and_spread(depends: IndentationResult, coarse_finger: Fingertip) -> None:
+def test_the_table_of_many_presses_has_path_flag_and_spread(
+    depends: IndentationResult, coarse_finger: Fingertip
+) -> None:
     certain = _pressed(coarse_finger, CERTAIN)
     rows = (depends, replace(depends, other_forces_n=()), certain, None)
     asked = IndentationRequest("bar:1.5", 0.0, None, 0.2, None)
@@ -106,7 +114,7 @@ def test_tables_have_flag_and_spread(depends: IndentationResult, coarse_finger: 
 
 
 @pytest.mark.parametrize("other_paths", [False, True])
-def test_many_presses_have_them_where_asked_for(coarse_finger: Fingertip, other_paths: bool) -> None:
+def test_many_presses_solve_other_paths_only_on_request(coarse_finger: Fingertip, other_paths: bool) -> None:
     profile, x, doi = DOES_NOT
     found = indent_many(coarse_finger, profile, x, doi_mm=[doi, 0.05], other_paths=other_paths)
     assert found.table()["may_depend_on_path"].tolist() == [True, False]

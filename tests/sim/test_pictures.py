@@ -12,7 +12,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.pictures import cut
 
 
-def test_skin_is_drawn_on_the_indentor_where_it_bears(finger: Fingertip) -> None:
+def test_the_drawing_of_a_press_shows_the_skin_on_the_indentor_where_it_bears(finger: Fingertip) -> None:
     pressed = finger.indent("bar:3", 0.2, doi_mm=0.6)
     seen = cut(pressed)
     apart = np.hypot(*(seen.pressed[:, :, None] - seen.indentor[:, None])).min(axis=1)
@@ -25,9 +25,7 @@ def test_skin_is_drawn_on_the_indentor_where_it_bears(finger: Fingertip) -> None
 
 
 @pytest.mark.parametrize(("shape", "z_mm"), [("line", 7.2), ("sphere:2", 7.2)])
-def test_every_kind_of_press_has_a_drawing_that_its_name_cannot_break(
-    coarse_finger: Fingertip, shape: str, z_mm: float
-) -> None:
+def test_the_drawing_of_a_press_escapes_the_indentor_name(coarse_finger: Fingertip, shape: str, z_mm: float) -> None:
     pressed = coarse_finger.indent(shape, z_mm=z_mm, doi_mm=0.3)
     odd = replace(pressed, indentor=replace(pressed.indentor, name="a<b&c"))
     drawn = ElementTree.fromstring(odd._repr_html_())
@@ -36,7 +34,7 @@ def test_every_kind_of_press_has_a_drawing_that_its_name_cannot_break(
 
 
 @pytest.mark.parametrize("name", ["finger", "section"])
-def test_a_finger_is_drawn_with_its_receptors(name: str, finger: Fingertip) -> None:
+def test_the_drawing_of_a_finger_shows_its_receptors(name: str, finger: Fingertip) -> None:
     drawn = finger if name == "finger" else load("section")
     dots = np.array(re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', drawn._repr_html_()), dtype=float)
     receptors = drawn.model.receptors.position_mm

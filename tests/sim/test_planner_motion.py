@@ -30,7 +30,7 @@ def queue_path(plan: MotionPlanner, points: list[Counts], speed: float, now_s: f
         start = point
 
 
-def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
+def test_the_planner_stops_at_a_reversal_and_slows_to_the_junction_speed_at_a_corner() -> None:
     back, corner = planner(), planner()
     queue_path(back, [steps(1.0), HOME], 5.0)
     assert back.end_s == pytest.approx(2 * (1.0 / 5 + 5 / 50), rel=1e-12)
@@ -44,7 +44,7 @@ def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
 
 @pytest.mark.parametrize("speed", [0.05, 1.0, 10.0])
 @pytest.mark.parametrize("phase_s", [0.0, 0.0033, 0.0099])
-def test_what_is_prepared_is_five_segments_of_10_ms_or_of_a_step_and_a_quarter(speed: float, phase_s: float) -> None:
+def test_a_feed_hold_takes_effect_after_five_prepared_segments(speed: float, phase_s: float) -> None:
     """The one being stepped has been stepped in part already; at 0.05 mm/s a segment takes 70 ms."""
     plan = planner()
     queue_path(plan, [steps(10.0)], speed)
@@ -56,7 +56,7 @@ def test_what_is_prepared_is_five_segments_of_10_ms_or_of_a_step_and_a_quarter(s
     assert plan.track.position_at(plan.end_s)[0] - at == pytest.approx(travel_mm * PER_MM, rel=1e-6)
 
 
-def test_a_dead_stop_keeps_whole_steps_and_drops_the_queue() -> None:
+def test_an_abrupt_stop_of_the_planner_keeps_whole_steps_and_drops_the_queue() -> None:
     plan = planner()
     queue_path(plan, [steps(10.0), steps(10.0, 5.0)], 10.0)
     before = plan.track.counts_at(0.5)
@@ -67,7 +67,9 @@ def test_a_dead_stop_keeps_whole_steps_and_drops_the_queue() -> None:
 
 
 @pytest.mark.parametrize(("to_mm", "slip"), [((5.0, 5.0, -4.0), (3, 3, -3)), ((-5.0, -5.0, 4.0), (-3, -3, 3))])
-def test_each_axis_slips_the_way_it_went(to_mm: tuple[float, float, float], slip: Counts) -> None:
+def test_an_abrupt_stop_slips_each_axis_in_its_direction_of_motion(
+    to_mm: tuple[float, float, float], slip: Counts
+) -> None:
     plan = planner()
     queue_path(plan, [steps(*to_mm)], 5.0)
     before = plan.track.counts_at(0.5)
@@ -83,7 +85,9 @@ def test_each_axis_slips_the_way_it_went(to_mm: tuple[float, float, float], slip
     accel=st.floats(1.0, 500.0),
 )
 @settings(max_examples=60, deadline=None)
-def test_a_trapezoid_covers_its_length(mm: float, v0: float, v1: float, cruise: float, accel: float) -> None:
+def test_a_trapezoid_covers_its_length_within_speed_and_acceleration(
+    mm: float, v0: float, v1: float, cruise: float, accel: float
+) -> None:
     v0, v1 = min(v0, cruise), min(v1, cruise)
     if abs(v0 * v0 - v1 * v1) > 2 * accel * mm:
         v1 = v0
@@ -98,7 +102,7 @@ def test_a_trapezoid_covers_its_length(mm: float, v0: float, v1: float, cruise: 
 
 
 @pytest.mark.parametrize(("share", "mm_s"), [(2.0, 2.0), (0.5, 0.5), (0.1, 0.1), (20.0, 10.0)])
-def test_an_override_changes_the_block_under_way_and_the_next(share: float, mm_s: float) -> None:
+def test_a_feed_override_changes_the_speed_of_the_current_and_the_next_move(share: float, mm_s: float) -> None:
     """From 1 mm/s, once the prepared segments have run out, at 50 mm/s²; never beyond what the axis allows."""
     plan = planner()
     queue_path(plan, [steps(6.0), steps(12.0)], 1.0)
@@ -123,7 +127,7 @@ EVENTS = st.lists(
 
 @given(EVENTS)
 @settings(max_examples=40, deadline=None)
-def test_no_history_of_moves_and_holds_jumps_or_misses(
+def test_any_sequence_of_moves_and_holds_is_smooth_and_ends_at_its_target(
     events: list[tuple[float, str, Counts, float]],
 ) -> None:
     plan = planner()
@@ -162,7 +166,7 @@ def _check_smooth(track: Track, t0_s: float, t1_s: float) -> None:
 PLAY = (8.0, 0.0, 20.0)
 
 
-def test_what_hangs_on_a_screw_with_play_follows_down_at_once_and_up_once_it_is_taken_up() -> None:
+def test_a_nut_with_backlash_follows_the_screw_only_once_the_backlash_is_taken_up() -> None:
     """12 steps of play: 40 down, 10 up (nothing follows), 30 more up (28 follow), 5 down (nothing)."""
     plan = MotionPlanner(LIMITS, HOME, (0.0, 0.0, 12.0))
     z, now_s = 0, 0.0
@@ -175,7 +179,7 @@ def test_what_hangs_on_a_screw_with_play_follows_down_at_once_and_up_once_it_is_
 
 @given(EVENTS)
 @settings(max_examples=30, deadline=None)
-def test_play_is_what_following_step_by_step_gives(events: list[tuple[float, str, Counts, float]]) -> None:
+def test_backlash_equals_a_step_by_step_simulation(events: list[tuple[float, str, Counts, float]]) -> None:
     """Whatever is queued and held: sampled finely, the nut is dragged along by whichever flank it meets.
 
     Sampling may miss the tip of a turn by what a motor moves between two samples, at its fastest: that, and a step

@@ -36,7 +36,9 @@ def plant_of(finger: Fingertip, carriage: Steps, screws: Screws | None = None) -
     return plant
 
 
-def test_pose_in_the_fingers_frame(finger: Fingertip, carriage: Steps) -> None:
+def test_the_plant_converts_carriage_steps_to_the_pose_in_the_finger_frame(
+    finger: Fingertip, carriage: Steps
+) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.5)
     pose = plant.pose_at(0.0)
@@ -45,7 +47,7 @@ def test_pose_in_the_fingers_frame(finger: Fingertip, carriage: Steps) -> None:
     assert pose.doi_mm == pytest.approx(finger.touch_height_mm("step:5", -1.0) - pose.height_mm, abs=1e-12)
 
 
-def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriage: Steps) -> None:
+def test_above_the_skin_the_plant_has_no_force_and_solves_no_contact(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     for z in (0.0, -20.0, -24.9):
         carriage.command(-30.0, z)
@@ -55,7 +57,7 @@ def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriag
 
 
 @pytest.mark.parametrize("along_mm", [-6.9, 5.9])
-def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_mm: float) -> None:
+def test_beyond_the_ends_of_the_finger_the_plant_has_no_force(finger: Fingertip, along_mm: float) -> None:
     # The receptor plane is 6.893 mm from one end and 5.857 mm from the other.
     press = PressedFinger(finger, "sphere:2")
     beyond = Pose(0.0, -3.0, along_mm)
@@ -64,13 +66,13 @@ def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_
     assert press.doi_mm(Pose(0.0, -3.0, 0.99 * along_mm)) > float("-inf")
 
 
-def test_a_contact_that_is_not_solved_is_no_answer(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_contact_that_does_not_converge_gives_no_force(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.contact.solver.MAX_PASSES", 1)
     with raises(ModelRangeError, "no_answer", indentor="bar:3", x_mm=0.0):
         PressedFinger(finger, "bar:3.0").force_n(Pose(0.0, -1.0))
 
 
-def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
+def test_the_plant_has_the_force_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.5)
     pose = plant.pose_at(0.0)
@@ -78,7 +80,7 @@ def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage
     assert plant.force_n(0.0) == finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n
 
 
-def test_whole_steps_not_commanded_millimetres(finger: Fingertip, carriage: Steps) -> None:
+def test_the_force_of_the_plant_follows_whole_motor_steps(finger: Fingertip, carriage: Steps) -> None:
     # 1 µm is 0.4 of a step: commands that round to the same step are one pose and one force.
     plant = plant_of(finger, carriage)
     forces = []
@@ -92,7 +94,7 @@ def test_whole_steps_not_commanded_millimetres(finger: Fingertip, carriage: Step
     assert forces[2] > forces[0]
 
 
-def test_a_screw_two_percent_off(finger: Fingertip, carriage: Steps) -> None:
+def test_a_screw_two_percent_off_shifts_the_true_pose_and_force(finger: Fingertip, carriage: Steps) -> None:
     # A screw that travels 2 % more for each step: x and z are 1.02 of what was commanded, from the switches. 30.5 mm
     # commanded are 31.11 mm; the finger stays where it is.
     true, wrong = plant_of(finger, carriage), plant_of(finger, carriage, Screws(400 / 1.02, 400 / 1.02))
@@ -109,7 +111,7 @@ def test_a_screw_two_percent_off(finger: Fingertip, carriage: Steps) -> None:
 
 
 @pytest.mark.parametrize("way_mm", [0.002, 0.3, 0.9])
-def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
+def test_a_compliant_virtual_rig_shares_the_travel_with_the_finger(
     finger: Fingertip, carriage: Steps, way_mm: float
 ) -> None:
     """Springs in series: way = DOI + compliance · F(DOI), to the 1e-6 mm at which the depth is left."""
@@ -124,7 +126,7 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
     assert force == pytest.approx(2 * finger.indent("step:5", 0.0, doi_mm=doi).force_n, rel=1e-6)
 
 
-def test_uneven_steps_down_and_up_are_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:
+def test_the_force_of_the_plant_does_not_depend_on_the_steps_before(finger: Fingertip, carriage: Steps) -> None:
     # A start moved on by the last change is only a start: what comes out is the answer from rest.
     plant = plant_of(finger, carriage)
     for depth in (0.1, 0.12, 0.2, 0.15, 0.15, 0.4, 0.41, 0.02, 0.5):
@@ -135,7 +137,7 @@ def test_uneven_steps_down_and_up_are_pressing_at_once(finger: Fingertip, carria
             assert force == pytest.approx(at_once, rel=1e-8), depth
 
 
-def test_another_indentor_is_another_force(finger: Fingertip, carriage: Steps) -> None:
+def test_mounting_another_indentor_changes_the_force_of_the_plant(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-30.0, -25.4)
     step = plant.force_n(0.0)
@@ -148,7 +150,7 @@ def test_another_indentor_is_another_force(finger: Fingertip, carriage: Steps) -
         plant.mount("spoon")
 
 
-def test_too_deep_is_refused_not_guessed(finger: Fingertip, carriage: Steps) -> None:
+def test_a_pose_deeper_than_the_model_allows_is_refused(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-30.0, -28.0)
     with raises(ModelRangeError, "doi_outside", deepest_mm=2.0):

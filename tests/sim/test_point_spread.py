@@ -43,14 +43,14 @@ def loaded(coarse_config: FingertipConfig) -> LoadedFinger:
 # --- what the source has ---
 
 
-def test_the_sites_are_the_sources() -> None:
+def test_the_point_load_sites_are_those_of_the_source() -> None:
     sites = published_sites()
     assert [site.number for site in sites] == list(range(1, 25))
     assert [site.on_pulp for site in sites] == [True] * 18 + [False] * 6
     assert sites[9] == MIDDLE
 
 
-def test_the_printed_table_has_the_spreads_that_the_text_gives() -> None:
+def test_the_published_table_has_the_means_and_spreads_of_the_text() -> None:
     """Raju 1998: A spread 10.2 % and m 3.886 ± 4.9 % over the pulp, 17.7 % and 6.2 % over all."""
     table = published_table()
     assert (table[9].number, table[9].a, table[9].m, table[9].r2) == (10, 12.805, 3.959, 0.961)
@@ -64,7 +64,7 @@ def test_the_printed_table_has_the_spreads_that_the_text_gives() -> None:
 
 
 @pytest.mark.parametrize("kind", ["linear", "logarithmic"])
-def test_a_power_law_is_found_again(kind: str) -> None:
+def test_fitting_recovers_a_power_law(kind: str) -> None:
     r = np.linspace(0.76, 2.0, 30)
     law = fitted(r, 12.8 / r**3.96, kind)  # type: ignore[arg-type]
     assert law == (pytest.approx(12.8), pytest.approx(3.96), pytest.approx(1.0), pytest.approx(1.0))
@@ -92,7 +92,7 @@ def test_receptors_lie_perpendicularly_below_equally_spaced_skin(loaded: LoadedF
     assert 11.0 < sheet.at_mm[:, 2].max() < high
 
 
-def test_beside_the_pulp_there_is_no_skin(loaded: LoadedFinger) -> None:
+def test_point_loads_beside_the_pulp_are_refused(loaded: LoadedFinger) -> None:
     found = loaded.skin(np.array([0.0, 4.6, -4.6, 4.37, 0.0, 0.0]), np.array([6.9, 6.9, 6.9, 6.9, -0.1, 12.8]))
     assert np.isfinite(found[0]).all()
     assert np.isnan(found[1:]).all()
@@ -100,7 +100,7 @@ def test_beside_the_pulp_there_is_no_skin(loaded: LoadedFinger) -> None:
         loaded.foot_mm(PointLoad(5.0, 6.9))
 
 
-def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
+def test_point_loads_satisfy_reciprocity(loaded: LoadedFinger) -> None:
     a, b = PointLoad(0.6, 6.8), PointLoad(-1.0, 8.0, "vertical")
     moved = loaded.moved([a, b])
     work = np.einsum("knc,jnc->kj", moved, np.stack([loaded._under(one) for one in (a, b)]))
@@ -108,7 +108,7 @@ def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
     assert (np.diag(work) > 0).all()
 
 
-def test_sed_about_a_load_is_in_pseudo_units_of_its_force(loaded: LoadedFinger) -> None:
+def test_sed_around_a_point_load_scales_with_the_squared_force(loaded: LoadedFinger) -> None:
     sheet = receptor_sheet(loaded, 0.5)
     one, strong = (spreads(loaded, sheet, [MIDDLE], force, 1.2)[0] for force in (1.0, 3.0))
     assert_allclose(strong.sed, 9 * one.sed)
@@ -118,7 +118,7 @@ def test_sed_about_a_load_is_in_pseudo_units_of_its_force(loaded: LoadedFinger) 
     assert_allclose(one.sed, per_n * (9.80665e-3 / 0.186266) ** 2)
 
 
-def test_a_neighbourhood_is_a_square_of_skin(loaded: LoadedFinger) -> None:
+def test_receptors_around_a_load_fill_a_square_of_skin(loaded: LoadedFinger) -> None:
     sheet = receptor_sheet(loaded, 0.5)
     (found,) = spreads(loaded, sheet, [MIDDLE], half_width_mm=1.2)
     x, _, z = (found.sheet.skin_mm - found.load_mm).T
@@ -142,7 +142,7 @@ def _flat(sed_over_law: object) -> PointSpread:
     return PointSpread(MIDDLE, np.zeros(3), Sheet(skin, at), sed_over_law(np.arctan2(z, x)) / r**4, 0.1 + 0 * r)  # type: ignore[operator]
 
 
-def test_a_round_spread_is_1_all_around() -> None:
+def test_a_round_spread_has_no_asymmetry() -> None:
     spread = _flat(lambda azimuth: 2.0 + 0 * azimuth)
     found = judged(spread)
     assert found.linear.m == pytest.approx(4.0) == found.logarithmic.m
@@ -150,7 +150,7 @@ def test_a_round_spread_is_1_all_around() -> None:
     assert found.asymmetry == pytest.approx(0.0, abs=1e-9)
 
 
-def test_sectors_are_counted_from_x_towards_z() -> None:
+def test_sectors_of_a_spread_are_counted_from_x_towards_z() -> None:
     law = PowerLaw(1.0, 4.0, 1.0, 1.0)
     ahead = _flat(lambda azimuth: np.where(np.abs(azimuth) < np.radians(22), 3.0, 1.0)).by_azimuth(law)
     assert (ahead[0] > 2.8, ahead[1], ahead[7], ahead[4]) == (True, 1.0, 1.0, 1.0)
@@ -162,7 +162,7 @@ def test_sectors_are_counted_from_x_towards_z() -> None:
 # --- meshes, loads and what is kept of them ---
 
 
-def test_a_force_between_nodes_is_shared_by_how_near_they_are() -> None:
+def test_a_force_between_nodes_is_shared_by_bilinear_weights() -> None:
     z, phi = np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0])
     assert_allclose(point_force(z, phi, (2.5, 0.5)), [[0, 0], [0.1875, 0.0625], [0.5625, 0.1875]])
     assert_allclose(point_force(z, phi, (1.0, 2.0)), [[0, 0], [0, 1], [0, 0]])
@@ -190,13 +190,13 @@ def about(coarse_loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_m
     return spreads(coarse_loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
 
 
-def test_moved_response_is_exact_where_measured(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
+def test_a_shifted_response_is_exact_at_its_own_place(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
     there = about(coarse_loaded, response, 0.0, PLANE_MM)
     assert response.missed(there, 2.0) < 1e-9
     assert response.missed(there, 2.0 * np.sqrt(1.1)) == pytest.approx(0.1)  # SED goes with the force's square
 
 
-def test_moved_along_a_straight_finger_it_is_right_and_around_a_bend_it_is_not(
+def test_a_shifted_response_is_accurate_along_the_finger_and_not_at_the_bent_tip(
     coarse_loaded: LoadedFinger, response: MovedResponse
 ) -> None:
     """A whole element along the finger, or a place on the tip's slope."""
@@ -206,7 +206,7 @@ def test_moved_along_a_straight_finger_it_is_right_and_around_a_bend_it_is_not(
     assert tip > 1.5 * near, tip
 
 
-def test_moved_response_keeps_its_orientation(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
+def test_a_shifted_response_keeps_its_orientation(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
     """Its shear is odd: mirrored, or moved to the other side, it would have the other sign."""
     load = PointLoad(0.4, PLANE_MM + 0.4)
     near = about(coarse_loaded, response, load.x_mm, load.z_mm)

@@ -74,7 +74,7 @@ def force_at(finger: Fingertip, height_mm: float) -> float:
     return 2.0 * finger.indent("bar:3.0", 0.0, doi_mm=doi).force_n
 
 
-def test_a_planned_descent_is_answered_without_a_wait(
+def test_forces_of_a_planned_descent_are_known_without_a_wait(
     following: Following, finger: Fingertip, work: Counter[str]
 ) -> None:
     """0.5 mm in one second, each sample asked for at its instant; what is fresh is the model's answer."""
@@ -99,7 +99,9 @@ def test_a_planned_descent_is_answered_without_a_wait(
         assert force == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_plan_that_changes_gives_the_last_force_and_says_so(following: Following, finger: Fingertip) -> None:
+def test_after_a_change_of_plan_the_last_force_counts_and_is_reported_as_late(
+    following: Following, finger: Fingertip
+) -> None:
     following.plan = lambda t_s: -0.3
     following.run_until(following.known)
     following.run(2 * PERIOD_S)
@@ -117,7 +119,7 @@ def test_a_plan_that_changes_gives_the_last_force_and_says_so(following: Followi
     assert following.press.force_n(now_s) == pytest.approx(force_at(finger, -0.41), rel=1e-6)
 
 
-def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(following: Following) -> None:
+def test_a_depth_beyond_the_model_gives_no_force_and_one_complaint(following: Following) -> None:
     """However many poses there are on the way."""
     start_s = following.scheduler.monotonic_s()
     following.plan = lambda t_s: -3.0 - 0.1 * (t_s - start_s)
@@ -146,12 +148,12 @@ def test_dead_finger_process_stops_the_loop_and_is_reported_once(following: Foll
     assert math.isnan(following.press.force_n(following.scheduler.monotonic_s() + 2 * STALE_S))
 
 
-def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
+def test_a_served_finger_that_cannot_be_loaded_is_an_error_at_once() -> None:
     with raises(FingerNotLoadedError, "not_loaded", problem="shape 'spoon': there is no such indentor"):
         PressProcess(FingertipConfig(), "spoon")
 
 
-def test_a_sample_that_is_solved_after_it_was_asked_for_is_right_from_then_on() -> None:
+def test_a_force_sample_solved_late_is_used_from_then_on() -> None:
     """At rest there is nothing to solve ahead, so the first sample behind a motion is known a few ms late."""
     solved, clock = dict[float, float](), VirtualClock()
     load = Load(lambda t_s: solved.get(t_s, 1.0), lambda t_s: t_s in solved)

@@ -26,12 +26,12 @@ def shallow(placed: PlacedIndentor) -> ContactState:
     return Pressing(placed, between_nodes=False, target=1e-10).solve(SHALLOW_MM, None)
 
 
-def test_contact_well_within_the_patch_is_an_answer(placed: PlacedIndentor, shallow: ContactState) -> None:
+def test_contact_well_within_the_patch_is_accepted(placed: PlacedIndentor, shallow: ContactState) -> None:
     placed.refuse_rim(placed.pose(SHALLOW_MM), shallow)
     assert shallow.converged
 
 
-def test_skin_beside_the_patch_may_not_be_touched(placed: PlacedIndentor, shallow: ContactState) -> None:
+def test_contact_with_skin_beside_the_patch_is_refused(placed: PlacedIndentor, shallow: ContactState) -> None:
     # No node of the rim bears; a pose that much deeper reaches the skin around the patch, unless that gives way.
     pose = placed.pose(DEEP_MM)
     with raises(RimError, "at_rim"):
@@ -41,7 +41,7 @@ def test_skin_beside_the_patch_may_not_be_touched(placed: PlacedIndentor, shallo
     placed.refuse_rim(pose, replace(shallow, displacement=gone))
 
 
-def test_a_node_of_the_rim_may_not_bear(placed: PlacedIndentor, shallow: ContactState) -> None:
+def test_a_force_on_a_node_of_the_rim_is_refused(placed: PlacedIndentor, shallow: ContactState) -> None:
     force = shallow.force.copy()
     force[-1, placed.model.patch.rim.argmax()] = -1e-6
     with raises(RimError, "at_rim"):

@@ -36,7 +36,9 @@ def mesh(skin: FingertipSurface) -> FingerMesh:
     return build_mesh(CONFIG, skin)
 
 
-def test_its_nodes_are_those_of_elements_of_half_the_size(mesh: FingerMesh, skin: FingertipSurface) -> None:
+def test_a_quadratic_mesh_has_the_nodes_of_elements_of_half_the_size(
+    mesh: FingerMesh, skin: FingertipSurface
+) -> None:
     # Corners where the same settings put nodes of eight-node elements, and one node half way in each direction.
     eight = build_mesh(FingertipConfig(mesh=MeshSpec.model_validate(COARSE)), skin)
     assert mesh.order == 2
@@ -48,7 +50,7 @@ def test_its_nodes_are_those_of_elements_of_half_the_size(mesh: FingerMesh, skin
     np.testing.assert_array_equal(np.unique(mesh.hexes), np.arange(len(mesh.nodes)))
 
 
-def test_elements_that_reach_over_three_rows_of_nodes_are_condensed(skin: FingertipSurface) -> None:
+def test_a_quadratic_finger_is_condensed_exactly(skin: FingertipSurface) -> None:
     # What parts two halves is as thick as an element, not one row of nodes. Against SuperLU; 1e-9 as for eight nodes.
     coarser = {"spacing_mm": 1.0, "axial_spacing_mm": 1.0, "patch_x_mm": 1.0, "patch_z_mm": 1.0, "growth": 2.0}
     coarser |= {"dermis_spacing_mm": 1.0, "dermis_fine_depth_mm": 0.5, "near_spacing_mm": 2.0}
@@ -63,7 +65,7 @@ def test_elements_that_reach_over_three_rows_of_nodes_are_condensed(skin: Finger
     np.testing.assert_allclose(factor.compliance, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
 
 
-def test_quadratic_finger_presses_like_half_as_large_elements() -> None:
+def test_a_quadratic_finger_presses_like_linear_elements_of_half_the_size() -> None:
     # The same nodes with B-bar; 0.3 mm is coarse for both. Measured 0.6 % of force, 5 % of ep1.
     results = [load("finger", config, cached=False).indent("cylinder:9", doi_mm=0.3) for config in (CONFIG, HALF)]
     assert all(result.state.converged for result in results)
@@ -73,7 +75,7 @@ def test_quadratic_finger_presses_like_half_as_large_elements() -> None:
     np.testing.assert_allclose(ep1[0], ep1[1], rtol=0, atol=0.1 * np.abs(ep1[1]).max())
 
 
-def test_a_section_is_quadratic_too(skin: FingertipSurface) -> None:
+def test_a_quadratic_section_presses_like_linear_elements_of_half_the_size(skin: FingertipSurface) -> None:
     mesh = section_mesh(CONFIG, skin)
     assert mesh.grid[0] == 7
     assert mesh.patch_area_mm2.sum() == pytest.approx(3.6, rel=0.25)  # 3.6 mm of a curved line, 1 mm thick
@@ -85,6 +87,6 @@ def test_a_section_is_quadratic_too(skin: FingertipSurface) -> None:
     np.testing.assert_allclose(ep1[0], ep1[1], rtol=0, atol=0.05 * np.abs(ep1[1]).max())
 
 
-def test_a_deck_is_refused(mesh: FingerMesh) -> None:
+def test_a_calculix_deck_of_a_quadratic_finger_is_refused(mesh: FingerMesh) -> None:
     with raises(MeshError, "quadratic"):
         MeshedFinger(CONFIG, mesh, 0.2)

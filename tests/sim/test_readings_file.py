@@ -36,7 +36,7 @@ def read(tmp_path: Path) -> Read:
     return of
 
 
-def test_rows_are_ordered_by_place_and_then_depth(read: Read) -> None:
+def test_readings_are_ordered_by_place_and_then_depth(read: Read) -> None:
     rows = ("5,50,0.76,a,1", "1,10,0.9,b,-1", "4,40,0.8,c,0.5", "2,20,0.7,d,0.5", "3,30,0.1,e,0")
     given = read("sd,sed,depth_mm,more,place_mm", *rows)
     assert_allclose(given.place_mm, [-1, 0, 0.5, 0.5, 1])
@@ -47,7 +47,7 @@ def test_rows_are_ordered_by_place_and_then_depth(read: Read) -> None:
 
 
 @pytest.mark.parametrize(("kind", "unit"), [("sed", 1.0), ("sed_pa", 18.6266)])
-def test_pascals_become_pseudo_units_and_so_does_their_noise(kind: str, unit: float, read: Read) -> None:
+def test_readings_and_noise_in_pascals_are_converted_to_pseudo_units(kind: str, unit: float, read: Read) -> None:
     rows = [f"{x},0.76,{10 + x},{x * (-1) ** x / 4}" for x in range(-2, 3)]
     given = read(f"x_mm,depth_mm,{kind},at_rest", *rows)
     assert_allclose(given.reading, np.arange(8, 13) / unit, rtol=1e-5)
@@ -58,7 +58,7 @@ def test_pascals_become_pseudo_units_and_so_does_their_noise(kind: str, unit: fl
     assert (np.abs(given.place_mm) > np.abs(np.arange(-2, 3)) - 1e-9)[[0, 1, 3, 4]].all()
 
 
-def test_how_many_readings_make_sense(read: Read) -> None:
+def test_a_readings_file_has_5_to_400_readings(read: Read) -> None:
     assert (FEWEST, MOST) == (5, 400)
     rows = [f"{place:.3f},0.76,1,0.1" for place in np.linspace(-2, 2, MOST + 1)]
     assert len(read("place_mm,depth_mm,sed,sd", *rows[:5]).reading) == 5
@@ -78,7 +78,9 @@ def test_how_many_readings_make_sense(read: Read) -> None:
         ("rate", "sd", -1e-9, False),
     ],
 )
-def test_how_far_below_nothing_noise_may_lie(kind: str, noise: str, value: float, there: bool, read: Read) -> None:
+def test_a_negative_reading_is_refused_beyond_six_sd_of_noise(
+    kind: str, noise: str, value: float, there: bool, read: Read
+) -> None:
     column = [0.1] * 5 if noise != "at_rest" else [0.1, 0.2, 0.3, 0.4, 0.5]
     rows = [f"{0.1 * k},0.76,{value if k == 3 else 5},{column[k]}" for k in range(5)]
     header = f"place_mm,depth_mm,{kind},{noise}"
@@ -89,7 +91,7 @@ def test_how_far_below_nothing_noise_may_lie(kind: str, noise: str, value: float
             read(header, *rows)
 
 
-def test_two_receptors_may_lie_above_each_other_and_not_in_one_place(read: Read) -> None:
+def test_two_readings_at_one_place_are_refused_unless_their_depths_differ(read: Read) -> None:
     rows = [f"0,{0.7 + 0.01 * k},1,0.1" for k in range(5)]
     assert len(read("place_mm,depth_mm,sed,sd", *rows).reading) == 5
     assert len(read("place_mm,depth_mm,sed,sd", *rows, "0,0.740002,1,0.1").reading) == 6
@@ -100,7 +102,7 @@ def test_two_receptors_may_lie_above_each_other_and_not_in_one_place(read: Read)
 # --- pressures ---
 
 
-def test_pressures_are_finite_and_not_negative(tmp_path: Path) -> None:
+def test_a_pressure_that_is_negative_or_infinite_is_refused(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("pressure\n3\n0\n", encoding="utf-8")
     assert read_pressures(tmp_path / "p.csv").tolist() == [3.0, 0.0]
     assert checked_pressures((20, 14)).tolist() == [20.0, 14.0]
@@ -126,7 +128,7 @@ def test_pressures_are_finite_and_not_negative(tmp_path: Path) -> None:
         ("x_mm,place_mm,pressure\n0,0,1\n", 0.17, "not_one_column"),
     ],
 )
-def test_pressures_lie_where_their_file_says_or_are_refused(
+def test_pressures_in_a_file_must_lie_at_the_sample_spacing(
     text: str, spacing_mm: float, found: list[float] | str, tmp_path: Path
 ) -> None:
     (tmp_path / "p.csv").write_text(text, encoding="utf-8")
@@ -138,7 +140,7 @@ def test_pressures_lie_where_their_file_says_or_are_refused(
 
 
 @pytest.mark.parametrize("column", ["exclude", "Excluded", "valid", "bad_channel", "artifact"])
-def test_a_column_of_rows_that_do_not_count_is_refused(column: str, read: Read) -> None:
+def test_a_readings_file_with_a_column_that_excludes_rows_is_refused(column: str, read: Read) -> None:
     """It would count them."""
     rows = [f"{x},0.76,{10 + x},{int(x == 0)}" for x in range(-2, 3)]
     with raises(TableError, "extra_column"):
@@ -149,13 +151,13 @@ UNREAD = ("outlier", "use", "include", "ok", "flag", "quality", "discard", "stat
 
 
 @pytest.mark.parametrize("column", UNREAD)
-def test_a_column_that_is_not_read_is_named(column: str, read: Read) -> None:
+def test_an_unread_column_of_a_readings_file_is_named(column: str, read: Read) -> None:
     rows = [f"{x},0.76,{10 + x},{int(x == 0)}" for x in range(-2, 3)]
     assert read(f"x_mm,depth_mm,sed,{column}", *rows).unread_text == f"columns that are not read: {column}"
     assert read("x_mm,depth_mm,sed,sd", *[row[:-1] + "1" for row in rows]).unread_text == ""
 
 
-def test_columns_that_are_not_read_are_among_the_problems_of_the_result(read: Read) -> None:
+def test_decoding_reports_unread_columns_among_its_problems(read: Read) -> None:
     rows = [f"{0.4 * x:g},0.76,{10 - abs(x)},0.1,{int(x == 0)},1" for x in range(-5, 6)]
     found = decode_task(DecodeTask(read("place_mm,depth_mm,sed,sd,outlier,use", *rows)))
     assert "readings: columns that are not read: outlier, use" in found.problems

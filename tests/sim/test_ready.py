@@ -43,7 +43,7 @@ def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     known.cache_clear()
 
 
-def test_compiled_loops_are_kept_in_the_users_own_cache_folder(modules: Path, tmp_path: Path) -> None:
+def test_compiled_loops_are_stored_in_the_cache_folder_of_the_user(modules: Path, tmp_path: Path) -> None:
     made = compiling.compiled(doubled)
     assert made(3.0) == 6.0
     assert list((tmp_path / "cache").glob("indentation-rig/loops-*/*/*.nbc"))
@@ -83,7 +83,7 @@ def test_loops_unused_for_a_day_are_removed(modules: Path, unused_s: int, kept: 
     assert mine.stat().st_mtime > used_s + 3_600  # it is used now
 
 
-def test_compilation_is_announced_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_is_logged_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     warmup.make_ready.cache_clear()
 
     def compiles(*_: object, **__: object) -> None:

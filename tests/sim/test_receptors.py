@@ -29,7 +29,7 @@ def placed(skin: FingertipSurface) -> ReceptorSet:
     return place_receptors(skin, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, PLANE_MM)
 
 
-def test_ten_receptors_760_micrometres_deep(skin: FingertipSurface, placed: ReceptorSet) -> None:
+def test_the_ten_default_receptors_lie_0_76_mm_below_the_skin(skin: FingertipSurface, placed: ReceptorSet) -> None:
     # Raju (1998, ch. 5): ten receptors, 760 µm below the skin, in the plane 5.86 mm from the tip. The perpendicular
     # distance is found here by search over the surface; 1e-7 mm is what a search on squares resolves.
     assert DEFAULT_X_MM == (-2.0, -1.5, -1.25, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
@@ -57,7 +57,7 @@ def test_receptors_lie_in_the_dermis(default_mesh: FingerMesh, placed: ReceptorS
     assert set(strain_operator(default_mesh, placed.position_mm)[1]) == {DERMIS}
 
 
-def test_a_linear_field_gives_its_strain(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
+def test_strain_recovery_is_exact_for_a_linear_field(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
     # e11 e22 e33 e12 e23 e13, shears engineering; exact but for round-off of 27 weights of order one.
     g = 1e-3 * np.array([[3.0, -1.0, 2.0], [0.5, -4.0, 1.0], [0.2, 0.7, 1.5]])
     operator, _ = strain_operator(default_mesh, placed.position_mm)
@@ -67,7 +67,9 @@ def test_a_linear_field_gives_its_strain(default_mesh: FingerMesh, placed: Recep
 
 
 @pytest.mark.parametrize("element", ["bbar", "quadratic"])
-def test_a_quadratic_strain_field_is_recovered(skin: FingertipSurface, placed: ReceptorSet, element: str) -> None:
+def test_strain_recovery_is_exact_for_a_quadratic_strain_field(
+    skin: FingertipSurface, placed: ReceptorSet, element: str
+) -> None:
     # The field given at the samples must come back at the receptor itself. 1e-9: condition of the fits.
     mesh = build_mesh(FingertipConfig(mesh=MeshSpec.model_validate({"spacing_mm": 0.3, "element": element})), skin)
     coefficient = np.random.default_rng(2).normal(size=(10, 6))
@@ -85,7 +87,7 @@ def test_a_quadratic_strain_field_is_recovered(skin: FingertipSurface, placed: R
 
 
 @pytest.mark.parametrize("element", ["bbar", "quadratic"])
-def test_strain_is_continuous_across_elements(skin: FingertipSurface, element: str) -> None:
+def test_recovered_strain_is_continuous_across_elements(skin: FingertipSurface, element: str) -> None:
     # Under random displacements of the nodes, the roughest there are, strain either side of each face that the row of
     # receptors crosses, 2e-7 mm apart: it changes by no more than its slope allows, ~1e-6 of its range.
     mesh = build_mesh(FingertipConfig(mesh=MeshSpec.model_validate({"spacing_mm": 0.3, "element": element})), skin)
@@ -102,7 +104,7 @@ def test_strain_is_continuous_across_elements(skin: FingertipSurface, element: s
 
 @pytest.mark.parametrize("element", ["bbar", "quadratic"])
 @pytest.mark.parametrize(("above", "below"), [(EPIDERMIS, DERMIS), (DERMIS, FAT)])
-def test_strain_beside_an_interface_is_of_its_own_layer(
+def test_recovered_strain_beside_an_interface_uses_its_own_layer_only(
     skin: FingertipSurface, element: str, above: int, below: int
 ) -> None:
     # Nodes of one side of the interface move at random, those on it and beyond rest: beyond it there is no strain,
@@ -124,7 +126,9 @@ def test_strain_beside_an_interface_is_of_its_own_layer(
     assert np.abs(by_inner[1]).max() > 1
 
 
-def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
+def test_recovered_strain_of_a_bending_field_is_within_one_percent(
+    default_mesh: FingerMesh, placed: ReceptorSet
+) -> None:
     # u = quadratic in x, y, z: strains vary linearly. The elements' centroid strain is second order in the size
     # (0.2 mm) over the scale of the field (1 mm): within 1 % of the largest strain.
     x, y, z = default_mesh.nodes.T
@@ -137,7 +141,7 @@ def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerM
     np.testing.assert_allclose(strain, exact, rtol=0, atol=0.01 * np.abs(exact).max())
 
 
-def test_measures_take_the_layer_of_each_receptor(finger: Fingertip) -> None:
+def test_stress_measures_use_the_stiffness_of_the_layer_of_each_receptor(finger: Fingertip) -> None:
     # Dermis: E = 1 000 pseudo-units (Raju 1998: 10⁴ : 10³), ν = 0.48, so s12 = G e12 … and mean = κ tr ε.
     result = finger.indent("cylinder:9", 0.0, doi_mm=0.5)
     m = result.receptor_measures

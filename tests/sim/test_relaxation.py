@@ -45,7 +45,7 @@ class Stress:
 
 
 @pytest.mark.parametrize("step_s", [0.001, 0.05, 0.7])
-def test_a_sudden_strain_relaxes_as_g(step_s: float) -> None:
+def test_a_sudden_strain_relaxes_as_the_prony_series(step_s: float) -> None:
     """Exact at any step: nothing moves after the first instant."""
     stress = Stress()
     assert stress.after(0.0, 2.0) == 2.0
@@ -54,7 +54,7 @@ def test_a_sudden_strain_relaxes_as_g(step_s: float) -> None:
 
 
 @pytest.mark.parametrize("step_s", [0.001, 0.05, 0.7])
-def test_a_ramp_then_a_hold_is_its_closed_form(step_s: float) -> None:
+def test_relaxation_after_a_ramp_agrees_with_the_closed_form(step_s: float) -> None:
     """∫ G over a ramp of one step: Σ g τ / Δ (e^(Δ/τ) − 1) e^(−t/τ) for each term, by hand."""
     stress = Stress()
     for n in range(1, 101):
@@ -65,7 +65,7 @@ def test_a_ramp_then_a_hold_is_its_closed_form(step_s: float) -> None:
         assert force == pytest.approx(2.0 * (0.55 + kept), rel=1e-12)
 
 
-def test_steps_do_not_matter_where_p_is_piecewise_linear() -> None:
+def test_relaxation_does_not_depend_on_the_time_step_for_piecewise_linear_strain() -> None:
     """A ramp, a hold and a ramp back, by their corners and finely: exact, so no tolerance but that of rounding."""
     corners = [(0.4, 1.0), (2.0, 1.0), (0.3, 0.4), (1.0, 0.4)]
 
@@ -94,7 +94,7 @@ def test_a_sinusoid_has_the_storage_and_loss_of_the_series() -> None:
     assert loss == pytest.approx(sum(g * p / (1 + p * p) for g, p in products), abs=1e-4)
 
 
-def test_let_go_it_recovers_as_in_many_small_steps() -> None:
+def test_recovery_after_release_equals_that_in_many_small_steps() -> None:
     """f = 0: by steps in which p goes straight, of a hundredth of the shorter τ, 1e-5 remain; at once it is exact."""
     stress = Stress()
     stress.after(0.0, 1.0)
@@ -118,7 +118,7 @@ def test_impossible_relaxation_series_are_refused(terms: list[tuple[float, float
 
 
 @pytest.mark.parametrize("step_s", [-0.1, math.nan, math.inf])
-def test_impossible_steps_are_refused(step_s: float) -> None:
+def test_relaxation_refuses_an_impossible_time_step(step_s: float) -> None:
     with raises(ArgumentError, "bad_step"):
         Memory.none(SERIES).ahead(step_s)
 
@@ -134,7 +134,7 @@ def flat() -> Patch:
     return relaxing_contact.flat_skin(25)
 
 
-def test_ramp_and_hold_are_lee_and_radoks_solution(flat: Patch) -> None:
+def test_contact_in_a_ramp_and_hold_agrees_with_lee_and_radok(flat: Patch) -> None:
     """By steps of a twentieth of τ 0.04 % of the elastic force is left (docs/validation/tissue.md)."""
     way = relaxing_contact.up_and_held(STEPS)
     forces = relaxing_contact.pressed_along(flat, way) / relaxing_contact.elastic(flat)
@@ -143,7 +143,7 @@ def test_ramp_and_hold_are_lee_and_radoks_solution(flat: Patch) -> None:
     assert expected[-1] < 0.7 * max(expected), "it relaxes"
 
 
-def test_unloading_is_tings_solution(flat: Patch) -> None:
+def test_contact_while_unloading_agrees_with_ting(flat: Patch) -> None:
     """Less than the force alone would be, which goes on pulling back what contact has left."""
     way = relaxing_contact.up_and_down(STEPS)
     forces = relaxing_contact.pressed_along(flat, way)[STEPS:] / relaxing_contact.elastic(flat)
@@ -164,7 +164,7 @@ def finger() -> Fingertip:
 
 
 @pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0", "step:5", "grating:1,2"])
-def test_held_at_a_depth_every_shape_relaxes_as_g(finger: Fingertip, shape: str) -> None:
+def test_at_constant_depth_every_shape_relaxes_as_the_prony_series(finger: Fingertip, shape: str) -> None:
     """One series for all layers: the contact stays, and f = G p. To what contact is solved to."""
     press, elastic = InTime(finger, shape, SERIES), finger.indent(shape, doi_mm=0.4)
     at_once = press.to_depth(0.0, 0.4)
@@ -178,7 +178,7 @@ def test_held_at_a_depth_every_shape_relaxes_as_g(finger: Fingertip, shape: str)
         assert press.strain() == pytest.approx(elastic.receptor_strain, abs=1e-7), "the skin stays where it is"
 
 
-def test_held_at_a_force_it_creeps_as_the_compliance(finger: Fingertip) -> None:
+def test_at_constant_force_the_contact_creeps_as_the_creep_compliance(finger: Fingertip) -> None:
     """A growing contact under a step of force is the elastic one under J F; steps of a twentieth of τ leave 1e-5."""
     press, force_gwt = InTime(finger, "cylinder:9", relaxing_contact.SERIES), 1.0
     press.to_force(0.0, force_gwt)
@@ -189,7 +189,7 @@ def test_held_at_a_force_it_creeps_as_the_compliance(finger: Fingertip) -> None:
     assert now.doi_mm == pytest.approx(finger.indent("cylinder:9", force_gwt=as_if_gwt).doi_mm, rel=1e-4)
 
 
-def test_soon_again_the_skin_is_met_later_and_after_long_as_at_first(finger: Fingertip) -> None:
+def test_a_repeated_press_meets_recovering_skin_deeper_and_recovered_skin_as_at_first(finger: Fingertip) -> None:
     def second(rest_s: float) -> list[float]:
         press = InTime(finger, "cylinder:9", relaxing_contact.SERIES)
         press.to_depth(0.0, 0.4)
@@ -205,7 +205,7 @@ def test_soon_again_the_skin_is_met_later_and_after_long_as_at_first(finger: Fin
     assert late == pytest.approx(at_first, rel=1e-6)
 
 
-def test_a_dent_larger_than_the_patch_is_refused() -> None:
+def test_a_relaxing_press_larger_than_its_patch_is_refused() -> None:
     """What the skin remembers lies on one patch; there is none larger meanwhile."""
     small = load("halfspace", FingertipConfig(mesh=MeshSpec(patch_x_mm=2.0, patch_z_mm=2.0)))
     press = InTime(small, "flat", SERIES)
@@ -227,7 +227,7 @@ def recorded(clock: VirtualClock, legs: list[tuple[float, float]]) -> SampledFor
     return SampledForce(clock, moved, 0.05)
 
 
-def test_the_past_counts_whether_or_not_anybody_asked() -> None:
+def test_the_relaxation_of_the_virtual_finger_does_not_depend_on_when_it_is_read() -> None:
     def legs_after(looks_s: Sequence[float]) -> list[tuple[float, float]]:
         clock, legs = VirtualClock(), list[tuple[float, float]]()
         force = recorded(clock, legs)

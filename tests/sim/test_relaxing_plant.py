@@ -30,7 +30,7 @@ def deep(halfspace: Fingertip, doi_mm: float) -> Pose:
 DEPTHS_MM = (-0.1, 0.1, 0.3, 0.3, 0.3, 0.1, -0.1, 0.2)
 
 
-def test_relaxing_press_of_a_bench_equals_the_librarys(halfspace: Fingertip) -> None:
+def test_a_relaxing_press_of_a_virtual_bench_equals_that_of_the_library(halfspace: Fingertip) -> None:
     """To what contact is solved to: a bench asks for 1e-8, the library for 1e-10."""
     press, library = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0)), InTime(halfspace, SHAPE, Prony(TERMS))
     for doi_mm in DEPTHS_MM:
@@ -39,7 +39,7 @@ def test_relaxing_press_of_a_bench_equals_the_librarys(halfspace: Fingertip) -> 
     assert expected > 0
 
 
-def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(halfspace: Fingertip) -> None:
+def test_skin_below_an_indentor_that_it_does_not_reach_recovers_as_in_air(halfspace: Fingertip) -> None:
     def again(between_mm: float) -> list[float]:
         press = RelaxingPress(halfspace, SHAPE, TERMS)
         return [press.moved_to(deep(halfspace, mm), s) for s, mm in ((5.0, 0.4), (1.0, between_mm), (0.1, 0.4))]
@@ -48,7 +48,7 @@ def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(half
     assert again(0.05) == pytest.approx(again(-0.1), rel=1e-9)
 
 
-def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(halfspace: Fingertip) -> None:
+def test_a_compliant_virtual_rig_shares_the_travel_with_the_relaxed_skin(halfspace: Fingertip) -> None:
     compliance = 0.5
     press = RelaxingPress(halfspace, SHAPE, TERMS, Truth(compliance_mm_per_n=compliance))
     library, pose, at_first_n = InTime(halfspace, SHAPE, Prony(TERMS)), deep(halfspace, 0.4), 0.0
@@ -61,12 +61,12 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(halfspace: F
     assert force_n < 0.8 * at_first_n
 
 
-def test_a_turned_finger_takes_spheres_only(halfspace: Fingertip) -> None:
+def test_a_relaxing_rotated_finger_accepts_spheres_only(halfspace: Fingertip) -> None:
     with raises(ModelRangeError, "turned_finger", indentor=SHAPE):
         RelaxingPress(halfspace, SHAPE, TERMS, Truth(turn=Turn(roll_deg=3.0)))
 
 
-def test_under_a_stage_the_force_is_that_of_the_samples(halfspace: Fingertip) -> None:
+def test_the_plant_advances_a_relaxing_finger_by_the_sample_period(halfspace: Fingertip) -> None:
     clock, at = VirtualClock(), [-0.1]
     steps_per_mm = 1e6
 
@@ -104,7 +104,7 @@ def alone(halfspace: Fingertip, way: tuple[Leg, ...]) -> list[float]:
     return [press.moved_to(leg.pose, leg.step_s) for leg in way]
 
 
-def test_plan_that_did_not_come_is_forgotten(halfspace: Fingertip) -> None:
+def test_a_planned_trajectory_that_did_not_happen_is_forgotten(halfspace: Fingertip) -> None:
     going = Going(RelaxingPress(halfspace, SHAPE, TERMS))
     going(TrajectoryUpdate(legs(halfspace, 0.1), legs(halfspace, 0.8, 1.2)))
     came = legs(halfspace, 0.1, 0.15, 0.15)
@@ -117,7 +117,7 @@ def test_plan_that_did_not_come_is_forgotten(halfspace: Fingertip) -> None:
     )
 
 
-def test_leg_without_an_answer_is_reported_and_forgotten(halfspace: Fingertip) -> None:
+def test_a_trajectory_leg_beyond_the_model_is_reported_and_forgotten(halfspace: Fingertip) -> None:
     going = Going(RelaxingPress(halfspace, SHAPE, TERMS))
     way = (*legs(halfspace, 0.2), Leg(PERIOD_S, deep(halfspace, 2.5)), *legs(halfspace, 0.2))
     answer = going(TrajectoryUpdate(way))
@@ -127,7 +127,7 @@ def test_leg_without_an_answer_is_reported_and_forgotten(halfspace: Fingertip) -
     assert going(TrajectoryUpdate(legs(halfspace, 0.2))).problem == ""
 
 
-def test_in_real_time_a_hold_relaxes(finger: Fingertip) -> None:
+def test_a_hold_on_a_served_finger_relaxes_in_real_time(finger: Fingertip) -> None:
     """On the wall clock, in a process of its own: pressed at once, the force falls as G while nothing moves."""
     scheduler, height = WallScheduler(), finger.touch_height_mm("bar:3.0", 0.0) - finger.apex_height_mm
     at = [height + 1.0]

@@ -78,7 +78,7 @@ def _same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def test_an_answer_is_the_same_when_read_back(result: Result) -> None:
+def test_a_pickled_result_reads_back_the_same(result: Result) -> None:
     before = _public(pickle.loads(pickle.dumps(result)))
     now = _public(result)
     assert before.keys() == now.keys()
@@ -86,7 +86,7 @@ def test_an_answer_is_the_same_when_read_back(result: Result) -> None:
     assert {"receptor_strain", "receptor_measures", "force_gwt", "as_json", "receptor_table"} <= now.keys()
 
 
-def test_an_answer_is_small_and_stays_so(result: Result) -> None:
+def test_a_pickled_result_stays_small(result: Result) -> None:
     for _ in range(2):  # the second time with everything looked at
         assert len(pickle.dumps(result)) <= LARGEST_BYTES
         _public(result)
@@ -94,7 +94,7 @@ def test_an_answer_is_small_and_stays_so(result: Result) -> None:
     assert _same(again.receptor_strain, result.receptor_strain)
 
 
-def test_a_press_goes_on_from_an_answer_read_back(finger: Fingertip) -> None:
+def test_a_press_continues_from_a_pickled_result(finger: Fingertip) -> None:
     result = finger.indent("cylinder:9", doi_mm=0.2)
     live, back = (
         finger.indent("cylinder:9", doi_mm=0.21, start=r.state) for r in (result, pickle.loads(pickle.dumps(result)))
@@ -103,7 +103,7 @@ def test_a_press_goes_on_from_an_answer_read_back(finger: Fingertip) -> None:
     assert live.state.passes == back.state.passes
 
 
-def test_reading_an_answer_back_loads_no_finger(finger: Fingertip, tmp_path: Path) -> None:
+def test_reading_a_pickled_result_loads_no_finger(finger: Fingertip, tmp_path: Path) -> None:
     path = tmp_path / "result"
     path.write_bytes(pickle.dumps(finger.indent("step:1", -1.63, doi_mm=0.4)))
     code = """if True:
@@ -115,7 +115,7 @@ def test_reading_an_answer_back_loads_no_finger(finger: Fingertip, tmp_path: Pat
     subprocess.run([sys.executable, "-c", code, path], check=True)
 
 
-def test_receptors_are_a_table(result: Result) -> None:
+def test_the_receptor_table_has_place_depth_and_all_measures(result: Result) -> None:
     table = result.receptor_table()
     assert list(table) == ["x_mm", "depth_mm", *MEASURES]
     assert table["x_mm"].tolist() == pytest.approx([-2, -1.5, -1.25, -1, -0.5, 0, 0.5, 1, 1.5, 2], abs=1e-9)
@@ -130,7 +130,9 @@ def test_receptors_are_a_table(result: Result) -> None:
 
 @pytest.mark.parametrize("crossed", [lambda f: pickle.loads(pickle.dumps(f)), copy.copy, copy.deepcopy],
                          ids=["pickled", "copied", "deeply copied"])  # fmt: skip
-def test_a_finger_crosses(coarse_config: FingertipConfig, crossed: Callable[[Fingertip], Fingertip]) -> None:
+def test_a_pickled_finger_presses_the_same(
+    coarse_config: FingertipConfig, crossed: Callable[[Fingertip], Fingertip]
+) -> None:
     finger = Fingertip.load(coarse_config)
     finger.e_epidermis_mpa *= 1.5
     other = crossed(finger)
@@ -144,7 +146,7 @@ def test_a_finger_crosses(coarse_config: FingertipConfig, crossed: Callable[[Fin
     assert finger.e_epidermis_mpa != 1.0
 
 
-def test_the_same_receptors_cross(
+def test_a_pickled_finger_keeps_its_receptors(
     coarse_config: FingertipConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And a finger that was built answers as one that was read, to the last bit."""
@@ -159,7 +161,7 @@ def test_the_same_receptors_cross(
 
 
 @pytest.mark.parametrize("name", ["section", "halfspace"])
-def test_the_other_models_cross(name: Any, coarse_config: FingertipConfig) -> None:
+def test_a_pickled_section_or_half_space_presses_the_same(name: Any, coarse_config: FingertipConfig) -> None:
     model = load(name, coarse_config)
     other = pickle.loads(pickle.dumps(model))
     one, two = (m.indent("cylinder:9", doi_mm=0.1) for m in (model, other))
@@ -205,7 +207,7 @@ def _by_hand(bearing: dict[int, float], shape: str = "bar:3", axes: tuple[int, .
 FEW = {_node(-0.5): 0.3, _node(0.25): 0.1, _node(0.75): 0.2, _node(0.0, row=2): 0.4}
 
 
-def test_numbers_of_an_answer() -> None:
+def test_force_area_and_peak_pressure_of_a_result_follow_from_nodal_forces() -> None:
     result = _by_hand(FEW)
     area = result.model.patch.area_mm2
     assert result.force_gwt == pytest.approx(0.02 / 9.80665e-3)
@@ -218,7 +220,7 @@ def test_numbers_of_an_answer() -> None:
     assert _by_hand({node: 2 * newton for node, newton in FEW.items()}).contact_area_mm2 == result.contact_area_mm2
 
 
-def test_profiles_of_an_answer() -> None:
+def test_the_profiles_of_a_result_lie_in_the_receptor_plane() -> None:
     result = _by_hand(FEW)
     nodes = [_node(x) for x in SIDE]
     assert result.plane == slice(6, 12)
@@ -245,7 +247,7 @@ def test_profiles_of_an_answer() -> None:
         ([-1.0, 0.0, 0.25, 0.75], [(-1.0, -1.0), (0.0, 0.25), (0.75, 0.75)]),
     ],
 )
-def test_regions_end_at_the_last_place_under_a_corner(
+def test_contact_regions_end_at_the_last_touching_node_under_a_corner(
     touching: list[float], regions: list[tuple[float, float]]
 ) -> None:
     assert _by_hand({_node(x): 0.1 for x in touching}).contact_regions_mm == regions
@@ -260,14 +262,14 @@ def _opening(gap_mm: dict[float, float]) -> list[tuple[float, float]]:
     return replace(result, state=replace(result.state, gap=gap)).contact_regions_mm
 
 
-def test_regions_open_between_nodes_under_a_smooth_shape() -> None:
+def test_contact_regions_end_between_nodes_under_a_smooth_shape() -> None:
     """gap ∝ (x − end)^1.5, so that gap^(2/3) is a line: from 0.04 at 0.75 to 0.16 at 1.5 it is 0 at 0.5."""
     ((low, high),) = _opening({-1.0: 0.16**1.5, -0.5: 0.04**1.5, 0.75: 0.04**1.5, 1.5: 0.16**1.5})
     assert high == pytest.approx(0.75 - 0.75 * 0.04 / 0.12)
     assert low == pytest.approx(-0.5 + 0.5 * 0.04 / 0.12)
 
 
-def test_the_sources_filter() -> None:
+def test_median_of_four_is_the_filter_of_the_source() -> None:
     """Every 0.17 mm the mean of the middle two of four: a single high value goes, an edge is halved."""
     x = 0.17 * np.arange(9)
     assert median_of_four(x, np.array([0, 0, 0, 9.0, 0, 0, 0, 0, 0])) == pytest.approx(np.zeros(5))

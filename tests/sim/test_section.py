@@ -19,19 +19,19 @@ def section() -> Fingertip:
     return load("section")
 
 
-def test_section_skin_is_the_fingers_in_the_receptor_plane(skin: FingertipSurface) -> None:
+def test_the_skin_of_the_section_is_that_of_the_finger_in_the_receptor_plane(skin: FingertipSurface) -> None:
     plane = FingertipConfig().receptor_plane_mm
     phi = np.linspace(0, np.pi, 50)
     for z_mm in (3.0, 6.0, 11.0):
         assert_allclose(prismatic(skin, plane).section(phi, z_mm), skin.section(phi, plane), atol=1e-13)
 
 
-def test_nothing_happens_along_the_finger(section: Fingertip) -> None:
+def test_the_section_has_no_strain_along_the_finger(section: Fingertip) -> None:
     strain = section.indent("bar:3.0", 0.3, doi_mm=0.6).receptor_strain
     assert np.abs(strain[:, [2, 4, 5]]).max() < 1e-13 * np.abs(strain).max()
 
 
-def test_force_is_the_slope_of_energy(section: Fingertip) -> None:
+def test_the_force_of_the_section_is_the_derivative_of_its_energy(section: Fingertip) -> None:
     # dE/dDOI = F for a conservative contact; E = ½ f·u is exact for linear tissue. Nodes join the contact one by
     # one: 0.2 %.
     def energy(doi_mm: float) -> float:
@@ -52,6 +52,6 @@ def test_section_converges_with_the_mesh() -> None:
         assert errors[1] < errors[0] < 0.03
 
 
-def test_round_shapes_are_refused(section: Fingertip) -> None:
+def test_the_section_refuses_round_shapes(section: Fingertip) -> None:
     with raises(ModelRangeError, "not_prismatic"):
         section.indent("sphere:5", 0.0, doi_mm=0.2)

@@ -98,11 +98,11 @@ def served(request: pytest.FixtureRequest) -> Iterator[Served]:
     found.scheduler.close()
 
 
-def test_these_are_all_the_fingers_that_are_served() -> None:
+def test_the_tests_of_served_fingers_cover_every_kind() -> None:
     assert {one for one in ForceProcess.__subclasses__() if one.__module__ == ForceProcess.__module__} == set(KINDS)
 
 
-def test_nothing_queues_and_what_is_asked_is_of_now_and_later(served: Served) -> None:
+def test_a_served_finger_solves_the_newest_pose_first_and_queues_none(served: Served) -> None:
     """No pose is solved that is past while a newer one is not: behind, the newest is among what is asked first."""
     served.finger.solve_s = LONG_S
     for _ in served.each_sample(3.0):
@@ -118,7 +118,7 @@ def test_nothing_queues_and_what_is_asked_is_of_now_and_later(served: Served) ->
             assert len(what.planned) == 1
 
 
-def test_a_force_is_known_from_when_its_answer_came_however_long_that_took(served: Served) -> None:
+def test_a_served_force_counts_from_the_arrival_of_its_answer(served: Served) -> None:
     served.finger.solve_s = LONG_S
     for now_s in served.each_sample(4.0):
         assert now_s - served.ahead.force_n(now_s) <= STALE_S + PERIOD_S
@@ -127,7 +127,7 @@ def test_a_force_is_known_from_when_its_answer_came_however_long_that_took(serve
     assert served.told == []
 
 
-def test_after_a_change_of_plan_the_last_force_counts_until_the_new_one_is_solved(served: Served) -> None:
+def test_after_a_change_of_plan_the_last_served_force_counts_until_the_new_one_is_solved(served: Served) -> None:
     for _ in served.each_sample(0.5):
         pass
     now_s, late = served.scheduler.monotonic_s(), served.ahead.statistics.late
@@ -143,7 +143,7 @@ def test_after_a_change_of_plan_the_last_force_counts_until_the_new_one_is_solve
     assert served.ahead.force_n(later_s) == pytest.approx(2.0)
 
 
-def test_too_late_is_said_once_each_time(served: Served) -> None:
+def test_a_served_finger_reports_each_late_period_once(served: Served) -> None:
     for _ in served.each_sample(0.5):
         pass
     for times in (1, 2):

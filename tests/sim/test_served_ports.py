@@ -82,13 +82,13 @@ def test_a_pseudo_terminal_serves_one_client_after_another(loop: Loop) -> None:
         port.close()
 
 
-def test_tcp_clients_reconnect(tcp: TcpPort) -> None:
+def test_a_served_tcp_port_serves_one_client_after_another(tcp: TcpPort) -> None:
     for text in (b"one", b"two", b"three"):
         with connect(tcp) as client:
             assert asked(client, text) == text.upper()
 
 
-def test_a_second_tcp_client_is_turned_away_and_the_first_stays(tcp: TcpPort) -> None:
+def test_a_second_tcp_client_is_refused_and_the_first_stays(tcp: TcpPort) -> None:
     with connect(tcp) as first:
         assert asked(first, b"a") == b"A"
         with connect(tcp) as second:
@@ -96,7 +96,7 @@ def test_a_second_tcp_client_is_turned_away_and_the_first_stays(tcp: TcpPort) ->
         assert asked(first, b"b") == b"B"
 
 
-def test_a_tcp_client_that_is_cut_off_is_survived(tcp: TcpPort) -> None:
+def test_a_served_tcp_port_survives_a_client_that_resets_the_connection(tcp: TcpPort) -> None:
     client = connect(tcp)
     assert asked(client, b"a") == b"A"
     client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
@@ -113,7 +113,7 @@ def test_a_tcp_client_that_is_cut_off_is_survived(tcp: TcpPort) -> None:
     until(heard_again)
 
 
-def test_a_busy_tcp_port_is_named(loop: Loop) -> None:
+def test_serving_on_a_busy_tcp_port_is_refused_by_name(loop: Loop) -> None:
     loop.start()
     with socket.create_server(("127.0.0.1", 0)) as other:
         number = other.getsockname()[1]
@@ -121,7 +121,7 @@ def test_a_busy_tcp_port_is_named(loop: Loop) -> None:
             TcpPort(loop.scheduler, loop.line, number)
 
 
-def test_a_port_is_taken_at_once_and_lets_clients_in_when_it_is_told_to(loop: Loop) -> None:
+def test_a_served_tcp_port_refuses_clients_until_it_listens(loop: Loop) -> None:
     """Whoever comes while a finger is loaded is refused, instead of waiting for an answer that does not come."""
     port = TcpPort(loop.scheduler, loop.line, 0)
     with pytest.raises(ConnectionRefusedError):

@@ -70,7 +70,7 @@ def test_every_sharp_scene_converges(unwidened: Fingertip, group: str) -> None:
 POSES = 45
 
 
-def test_every_random_pose_converges(unwidened: Fingertip) -> None:
+def test_every_random_pose_of_a_sharp_indentor_converges(unwidened: Fingertip) -> None:
     # The solver aims at 1e-10 and is required to reach 1e-8; `make bench` draws 2 000 such poses.
     solved = list(draw(unwidened, POSES, seed=1))
     missed = [(scene, r.state.residual) for scene, r in solved if r.state.residual > 1e-10]
@@ -93,7 +93,7 @@ def test_every_random_pose_converges(unwidened: Fingertip) -> None:
         (Grating(0.5, 1.2), 0.1, 1.01),
     ],
 )
-def test_poses_that_once_did_not_converge(
+def test_formerly_divergent_poses_converge(
     finger: Fingertip, profile: IndentorProfile, x_mm: float, doi_mm: float
 ) -> None:
     assert finger.indent(profile, x_mm, doi_mm=doi_mm).state.residual <= 1e-10

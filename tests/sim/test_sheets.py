@@ -88,7 +88,7 @@ def missed(found: Array, true: Array) -> float:
 
 
 @pytest.mark.parametrize("young", [1.0, 18.0])
-def test_squares_of_all_six_strains_sum_to_half_of_stress_times_strain(young: float) -> None:
+def test_sed_of_all_six_strains_is_half_of_stress_times_strain(young: float) -> None:
     strain, material = np.random.default_rng(0).normal(size=(4, 6)), Elastic(young, 0.48)
     assert_allclose(sed_of(strain.T, material, "finite"), measures_from_strain(strain, material)["sed"])
     plane = strain.copy()
@@ -106,7 +106,7 @@ def test_squares_of_all_six_strains_sum_to_half_of_stress_times_strain(young: fl
 # --- the operator ---
 
 
-def test_pressures_that_lean_as_the_skin_does_give_a_presss_sed(
+def test_sheet_pressures_normal_to_the_pressed_skin_give_the_sed_of_a_press(
     felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult
 ) -> None:
     true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
@@ -115,14 +115,16 @@ def test_pressures_that_lean_as_the_skin_does_give_a_presss_sed(
     assert missed(upright.sed(true), sed) > 0.06
 
 
-def test_the_skin_lies_on_the_sphere(felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
+def test_the_pressed_skin_of_a_sheet_lies_on_the_sphere(
+    felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult
+) -> None:
     true = borne(felt, sphere)
     at = operator.skin.pressed(true, operator.skin.lean(true))[:, contact(operator.skin, true)]
     centre = np.array([0.2, sphere.touch_height_mm - sphere.doi_mm + 2.0, PLANE + 0.2])
     assert_allclose(np.linalg.norm(at.T - centre, axis=1), 2.0, atol=0.02)
 
 
-def test_slopes_and_gradients_are_those_of_its_sed(operator: SheetOperator) -> None:
+def test_slope_and_gradient_of_a_sheet_operator_are_derivatives_of_its_sed(operator: SheetOperator) -> None:
     """With leans held."""
     rng = np.random.default_rng(3)
     pressure, step = rng.uniform(0, 100, 169), rng.normal(size=169)
@@ -138,7 +140,7 @@ def test_slopes_and_gradients_are_those_of_its_sed(operator: SheetOperator) -> N
 
 
 @pytest.mark.parametrize(("snr_db", "most"), [(30.0, 0.35), (20.0, 0.5)])
-def test_a_sphere_is_read_back(
+def test_a_sheet_of_readings_is_decoded_to_the_pressed_sphere(
     felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult, snr_db: float, most: float
 ) -> None:
     true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
@@ -159,7 +161,9 @@ def test_a_sphere_is_read_back(
     assert_allclose(felt_as.extent_mm, extent_mm(operator.skin, true), atol=0.25)
 
 
-def test_too_few_readings_and_places_without_skin_are_refused(felt: PressedSkin, operator: SheetOperator) -> None:
+def test_a_sheet_with_too_few_readings_or_places_beside_the_patch_is_refused(
+    felt: PressedSkin, operator: SheetOperator
+) -> None:
     with raises(ModelRangeError, "pressure_beside_patch", x_mm=-3.5):
         sheet_operator(felt, Grid(np.array([-3.5, -3.2]), GRID.z_mm), "finite")
     some = np.arange(81) < 8
@@ -182,7 +186,7 @@ XX, ZZ = (GRID.place_mm.T[k].reshape(13, 13) for k in (0, 1))
 
 
 @pytest.mark.parametrize("diameter", [3.0, 8.0, 19.0])
-def test_round_skin_is_a_sphere_or_a_cylinder_of_that_diameter(diameter: float) -> None:
+def test_round_skin_is_classified_as_a_sphere_or_cylinder_of_its_diameter(diameter: float) -> None:
     radius = diameter / 2
     sphere = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2 + (ZZ - PLANE) ** 2))
     cylinder = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2))

@@ -37,7 +37,7 @@ def answer(force: float) -> SceneResult:
     return SceneResult(force, 1.0, (force, 2.0), (-force, 0.1), 0.0, 1, 0.01, 0.001)
 
 
-def test_errors_and_bars_are_ratios_of_largest_values() -> None:
+def test_benchmark_errors_and_error_bars_are_ratios_of_largest_values() -> None:
     scenes = [BenchmarkScene(family, "bar:3.0", 0.0, 0.5) for family in FAMILIES]
     reference = from_levels(dict.fromkeys(scenes, answer(3.3)), dict.fromkeys(scenes, answer(3.0)), {})
     found = answer(2.7)
@@ -49,7 +49,9 @@ def test_errors_and_bars_are_ratios_of_largest_values() -> None:
 
 @pytest.mark.parametrize("kind", [SMOOTH, SHARP])
 @pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
-def test_a_further_level_lands_inside_the_error_bars(kind: tuple[str, ...], quantity: str) -> None:
+def test_a_further_mesh_level_lies_inside_the_error_bars_of_the_reference(
+    kind: tuple[str, ...], quantity: str
+) -> None:
     # It takes no part in the reference; studies/accuracy/reference_levels.py measures it and stores what it
     # found. Smooth and sharp are the kinds for which aims are set and errors promised;
     # docs/validation/performance.md has the families.
@@ -89,7 +91,7 @@ def held(answers: Answers, model: str, scenes: tuple[BenchmarkScene, ...]) -> di
     return worst
 
 
-def test_the_default_finger_meets_the_aims(answers: Answers) -> None:
+def test_the_default_finger_is_within_the_target_errors(answers: Answers) -> None:
     worst = held(answers, "finger", SCENES)
     for family, aims in {"smooth": (0.02, 0.03, 0.03), "bar": (0.05, 0.08, 0.08), "step": (0.05, 0.08, 0.08)}.items():
         for quantity, aim in zip(("force", "sed", "ep1"), aims, strict=True):
@@ -98,14 +100,14 @@ def test_the_default_finger_meets_the_aims(answers: Answers) -> None:
 
 @pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0", "step:1"])
 @pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
-def test_what_is_promised_of_the_finger_holds_in_the_scenes_of_the_reference(
+def test_the_stated_errors_of_the_finger_hold_in_every_reference_scene(
     answers: Answers, shape: str, quantity: str
 ) -> None:
     scenes = tuple(scene for scene in SCENES if scene.shape == shape)
     assert max(held(answers, "finger", scenes)[quantity].values()) <= promised(scenes[0], "finger")[quantity]
 
 
-def test_what_is_promised_of_the_half_space_holds_in_nine_of_ten(answers: Answers) -> None:
+def test_the_stated_errors_of_the_half_space_hold_in_nine_of_ten_scenes(answers: Answers) -> None:
     reference = stored()
     kept = [
         reference.error(scene, quantity, answers("halfspace", scene)) <= promised(scene, "halfspace")[quantity]
@@ -121,7 +123,7 @@ def promised(scene: BenchmarkScene, model: str) -> dict[str, float]:
     return {rung.model: of for rung, of in bundled().errors(situation).items() if rung.level == "default"}[model]
 
 
-def test_candidates_are_measured_in_their_own_processes() -> None:
+def test_speed_benchmark_measures_each_candidate_in_its_own_process() -> None:
     scenes = QUICK_SCENES[:2]
     candidates = (Candidate("section", "0.28 mm", coarse(0.28)),)
     measured = list(measure(candidates, scenes))
@@ -132,7 +134,7 @@ def test_candidates_are_measured_in_their_own_processes() -> None:
     assert all(row["total_s"] > row["contact_s"] > 0 and 50 < row["memory_mb"] < 4000 for row in found)
 
 
-def test_the_nail_is_held_at_the_same_place_on_every_nested_mesh(skin: FingertipSurface) -> None:
+def test_the_nail_is_fixed_at_the_same_place_on_every_nested_mesh(skin: FingertipSurface) -> None:
     # Where rows of nodes miss the nail's edge, force moves by 1 % from mesh to mesh: docs/validation/performance.md.
     for n in (2, 3):
         mesh = build_mesh(FingertipConfig(mesh=nested(n)), skin)

@@ -70,7 +70,7 @@ def stiff() -> Fingertip:
 # --- the functions ---
 
 
-def test_each_number_of_the_force_counts_where_it_should() -> None:
+def test_the_stiffening_force_law_uses_each_parameter_as_documented() -> None:
     numbers = ForceFactor(0.3, 1.5, 0.5, -0.5, 2.0, 2.0, -0.5, 0.7, 4.0, 3.0, 1.5)
     lost = 0.3 * 1.5 / 2
     squeeze = 2.0 * 0.25**2 / 1.1
@@ -81,7 +81,7 @@ def test_each_number_of_the_force_counts_where_it_should() -> None:
     assert log_force(numbers, 0.6, PRESS) == pytest.approx(expected)
 
 
-def test_each_number_of_the_energy_counts_where_it_should() -> None:
+def test_the_stiffening_energy_law_uses_each_parameter_as_documented() -> None:
     """At λ = 0.8 squeezed tissue has (0.8 − 1.25)² instead of 0.16; the law's strain grows as that of the force."""
     numbers = Energy(2.0, 1.2, 0.4, 0.5, -0.5, 3.0)
     felt = ReceptorPress(np.array([0.2, 0.0]), np.array([0.25, 4.0]), np.array([0.1, 0.02]))
@@ -111,7 +111,7 @@ def _parabola(half_mm: float) -> Overlap:
     return Overlap(gap.ravel(), np.stack([x.ravel(), z.ravel()]), np.full(x.size, 0.02 * 0.04))
 
 
-def test_a_bowl_is_as_long_as_its_longer_radius_and_its_volume_grows_by_the_square() -> None:
+def test_the_overlap_of_a_bowl_has_its_longer_radius_and_grows_quadratically() -> None:
     bowl = _parabola(9.0)
     assert bowl.long_radius_mm(1.0) == pytest.approx(8.0, rel=1e-3)
     assert bowl.power(1.0) == pytest.approx(2.0, abs=1e-3)
@@ -119,7 +119,7 @@ def test_a_bowl_is_as_long_as_its_longer_radius_and_its_volume_grows_by_the_squa
     assert bowl.power(0.01) == bowl.power(0.1)
 
 
-def test_an_edge_confines_a_press_and_none_that_is_finer_than_the_places_breaks_it() -> None:
+def test_the_overlap_past_an_edge_grows_with_the_power_3_2() -> None:
     """Far past an edge the overlap grows as a slice does, by 3/2."""
     assert _parabola(0.3).power(2.0) == pytest.approx(1.5, abs=0.02)
     nothing = Overlap(np.full(4, np.inf), np.zeros((2, 4)), np.full(4, 0.12))
@@ -128,7 +128,9 @@ def test_an_edge_confines_a_press_and_none_that_is_finer_than_the_places_breaks_
 
 
 @pytest.mark.parametrize(("shape", "rel"), [("flat", 0.05), ("sphere:3", 0.05)])
-def test_a_cap_of_the_skin_has_the_volume_that_its_radii_give(skin: FingertipSurface, shape: str, rel: float) -> None:
+def test_the_overlap_volume_with_the_skin_follows_from_the_radii(
+    skin: FingertipSurface, shape: str, rel: float
+) -> None:
     """π √(R₁ R₂) d² under a plate, with 1 / R the sum of the curvatures under a ball."""
     config, indentor = FingertipConfig(), parse_shape(shape)
     apex, doi_mm = skin.apex, 0.3
@@ -144,7 +146,7 @@ def _is_radius(indentor: object) -> bool:
     return float(parse_shape("sphere:3").evaluate(np.array([[0.1], [0.0]])).height_mm[0]) < 0.0025
 
 
-def test_tissue_at_a_receptor_is_squeezed_between_indentor_and_bone(skin: FingertipSurface) -> None:
+def test_the_squeeze_at_a_receptor_is_overlap_over_the_thickness_to_the_bone(skin: FingertipSurface) -> None:
     tissue, indentor = Tissue(), parse_shape("flat")
     z = skin.apex.position_mm[2]
     touch = first_touch(indentor, (0.0,), skin)
@@ -160,7 +162,9 @@ def test_tissue_at_a_receptor_is_squeezed_between_indentor_and_bone(skin: Finger
 
 
 @pytest.mark.parametrize(("x_mm", "under"), [(0.6, 1.0), (1.5, 0.5), (1.8, 0.18), (2.4, 0.0)])
-def test_what_lies_under_an_edge_feels_half_of_it(skin: FingertipSurface, x_mm: float, under: float) -> None:
+def test_tissue_under_an_indentor_edge_has_half_the_squeeze(
+    skin: FingertipSurface, x_mm: float, under: float
+) -> None:
     """Of a bar that ends at 1.5 mm, 0.75 mm below the skin: 0.3 mm past its edge (1 − 0.3 / 0.75)² / 2 of it."""
     bar, z = parse_shape("bar:3.0"), skin.apex.position_mm[2]
     touch = first_touch(bar, (0.0,), skin)
@@ -170,7 +174,7 @@ def test_what_lies_under_an_edge_feels_half_of_it(skin: FingertipSurface, x_mm: 
     assert found.strain(1.0)[0] == pytest.approx(under * whole, abs=0.05 * whole)
 
 
-def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: FingertipSurface) -> None:
+def test_stiffening_measures_a_press_from_first_touch_in_units_of_tissue_thickness(skin: FingertipSurface) -> None:
     told, indentor = config(0.4), parse_shape("flat")
     touch = first_touch(indentor, (0.0,), skin)
     receptor = np.array([[0.0, 4.0, 6.9]])
@@ -193,7 +197,7 @@ def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: Fingerti
     assert Under(config(), skin, indentor, (0.0,), touch).at(0.5, receptor) is LINEAR_TISSUE
 
 
-def test_the_roof_is_the_skins_stiffness_over_that_of_layers_in_series(skin: FingertipSurface) -> None:
+def test_the_stiffness_of_the_skin_over_that_of_the_layers_in_series_is_capped(skin: FingertipSurface) -> None:
     """0.4 mm of 1 over (3 mm: 0.8 of 0.2 and 1.8 of 0.05): series modulus 2.6 / 40."""
     assert roof(Tissue(e_dermis=0.2, e_fat=0.05), 3.0) == pytest.approx(0.4 / (3.0 * 2.6 / 40))
     soft = FingertipConfig(mesh=MESH, tissue=Tissue(e_dermis=0.01, e_fat=0.001, stiffening=0.4))
@@ -202,7 +206,7 @@ def test_the_roof_is_the_skins_stiffness_over_that_of_layers_in_series(skin: Fin
 
 
 @pytest.mark.parametrize("shape", ["bar:3.0", "sphere:3", "flat:3"])
-def test_the_shallowest_presses_are_those_of_the_linear_twin(skin: FingertipSurface, shape: str) -> None:
+def test_the_shallowest_presses_of_stiffening_tissue_are_linear(skin: FingertipSurface, shape: str) -> None:
     """Where the overlap is finer than it is sampled, and all the way down to nothing."""
     indentor = parse_shape(shape)
     place = (0.0,) if len(indentor.axes) == 1 else (0.0, 6.9)
@@ -215,7 +219,7 @@ def test_the_shallowest_presses_are_those_of_the_linear_twin(skin: FingertipSurf
 # --- the finger ---
 
 
-def test_tissue_that_does_not_stiffen_is_the_linear_finger_to_the_last_bit(linear: Fingertip) -> None:
+def test_tissue_without_stiffening_is_the_linear_finger_bit_for_bit(linear: Fingertip) -> None:
     found = linear.indent("cylinder:9", doi_mm=0.5)
     assert found.strained is LINEAR_TISSUE
     assert found.strained.force == 1.0
@@ -224,7 +228,7 @@ def test_tissue_that_does_not_stiffen_is_the_linear_finger_to_the_last_bit(linea
     assert found.strained.measures(measures, found.model.receptor_e, found.model.poisson) is measures
 
 
-def test_force_pressure_and_what_receptors_have_follow(linear: Fingertip, stiff: Fingertip) -> None:
+def test_stiffening_scales_force_pressure_and_receptor_measures(linear: Fingertip, stiff: Fingertip) -> None:
     was, now = (finger.indent("cylinder:9", 0.2, doi_mm=0.8) for finger in (linear, stiff))
     factor = now.strained.force
     assert factor == force_factor(0.4, now.strained.press) != 1.0
@@ -257,7 +261,7 @@ STRAIN_OF = {  # what the user writes, strain and stiffening that result, and wh
 
 
 @pytest.mark.parametrize("written", STRAIN_OF)
-def test_strain_is_what_the_user_wrote_and_a_zero_that_has_two_meanings_is_refused(written: str) -> None:
+def test_the_strain_setting_is_kept_and_an_ambiguous_zero_stiffening_is_refused(written: str) -> None:
     values, expected = STRAIN_OF[written]
     if expected is None:
         with pytest.raises(ValidationError, match="finite"):
@@ -270,7 +274,7 @@ def test_strain_is_what_the_user_wrote_and_a_zero_that_has_two_meanings_is_refus
 
 
 @pytest.mark.parametrize("stiffening", [1e-9, 1e-3])
-def test_zero_is_the_limit_of_small_stiffening(stiffening: float) -> None:
+def test_zero_stiffening_is_the_limit_of_small_stiffening(stiffening: float) -> None:
     """Force and energy grow by less than the stiffening: (1 + a κ)^0.58 with κ of about 1 at this depth."""
 
     def pressed(tissue: Tissue) -> IndentationResult:
@@ -284,7 +288,7 @@ def test_zero_is_the_limit_of_small_stiffening(stiffening: float) -> None:
     assert zero.small_strain.note.startswith("finite strain, stiffening 0:")
 
 
-def test_a_force_is_reached_at_the_depth_that_carries_it(stiff: Fingertip) -> None:
+def test_force_control_on_stiffening_tissue_finds_the_depth(stiff: Fingertip) -> None:
     at_depth = stiff.indent("cylinder:9", 0.2, doi_mm=0.7)
     at_force = stiff.indent("cylinder:9", 0.2, force_gwt=at_depth.force_gwt)
     assert at_force.doi_mm == pytest.approx(0.7, abs=1e-6)
@@ -294,7 +298,7 @@ def test_a_force_is_reached_at_the_depth_that_carries_it(stiff: Fingertip) -> No
         load("halfspace", config()).indent("sphere:3", force_gwt=1e6)
 
 
-def test_depth_counts_from_the_touch_whatever_the_reference(stiff: Fingertip) -> None:
+def test_stiffening_counts_depth_from_first_touch_with_either_reference(stiff: Fingertip) -> None:
     from_touch = stiff.indent("cylinder:3", 1.0, doi_mm=0.4)
     higher = stiff.touch_height_mm("cylinder:3", 1.0, "apex") - stiff.touch_height_mm("cylinder:3", 1.0)
     from_apex = stiff.indent("cylinder:3", 1.0, doi_mm=0.4 + higher, reference="apex")
@@ -305,13 +309,13 @@ def test_depth_counts_from_the_touch_whatever_the_reference(stiff: Fingertip) ->
 # --- how deep, and the human-sized finger ---
 
 
-def test_the_default_finger_is_pressed_to_two_millimetres(linear: Fingertip) -> None:
+def test_the_default_finger_may_be_pressed_to_two_millimeters(linear: Fingertip) -> None:
     assert linear.deepest_doi_mm == 2.0
     with raises(ModelRangeError, "doi_outside", doi_mm=2.01, deepest_mm=2.0):
         linear.indent("cylinder:9", doi_mm=2.01)
 
 
-def test_the_human_sized_finger_is_pressed_to_three() -> None:
+def test_the_human_sized_finger_may_be_pressed_to_three_millimeters() -> None:
     told = load_config(HUMAN).finger
     surface = FingertipSurface.fit(told.geometry)
     assert Fingertip.deepest_doi_mm.func(_Bare(told, surface)) == 3.0  # type: ignore[attr-defined]
@@ -332,7 +336,7 @@ TERMS = (PronyTerm(0.2, 0.07), PronyTerm(0.2, 1.4))
 SERIES = Prony(TERMS)
 
 
-def test_what_was_borne_when_the_tissue_was_softer_relaxes_as_that(stiff: Fingertip) -> None:
+def test_stiffening_tissue_relaxes_the_force_it_bore_while_softer(stiff: Fingertip) -> None:
     """Growing contact: f = α (k p − c), c being what has relaxed of the shallower press."""
     press, shallow, deep = InTime(stiff, "flat", SERIES), *(stiff.indent("flat", doi_mm=mm) for mm in (0.3, 0.8))
     assert press.to_depth(0.0, 0.3).force_n == pytest.approx(shallow.force_n, rel=1e-6)

@@ -77,12 +77,12 @@ SCALED: dict[str, tuple[Callable[[float], float], int]] = {
 
 
 @pytest.mark.parametrize("name", SCALED)
-def test_a_number_follows_the_scale(name: str) -> None:
+def test_every_result_scales_with_the_tissue_stiffness(name: str) -> None:
     number, power = SCALED[name]
     assert number(STIFF) == pytest.approx(number(1.0) * STIFF**power, rel=1e-6)
 
 
-def test_no_model_is_built_for_a_scale() -> None:
+def test_no_model_is_built_for_another_tissue_stiffness() -> None:
     def made_of(**tissue: float) -> list[object]:
         told = FingertipConfig(mesh=MESH, tissue=Tissue(**tissue))  # type: ignore[arg-type]
         surface = FingertipSurface.fit(told.geometry)
@@ -93,7 +93,7 @@ def test_no_model_is_built_for_a_scale() -> None:
     assert made_of(e_fat=0.2) != made_of()
 
 
-def test_fingers_of_two_scales_are_interpolated_between_the_same_builds() -> None:
+def test_fingers_of_two_stiffnesses_are_interpolated_between_the_same_builds() -> None:
     assert node_tissues(Tissue(stiffness=STIFF, stiffening=0.5)) == node_tissues(Tissue())
     families = {FingerWithReceptors(config(s), ReceptorPlaces.of((0.0,), 0.76, None)).family for s in (1.0, STIFF)}
     assert len(families) == 1

@@ -59,7 +59,7 @@ def solved(fine: Fingertip, coarse_finger: Fingertip) -> dict[str, Solved]:
 
 
 @pytest.mark.parametrize("shape", ["bar:3.0", "line", "cylinder:9"])
-def test_displacements_of_the_skin_are_the_contacts(solved: dict[str, Solved], shape: str) -> None:
+def test_the_strain_map_has_the_skin_displacements_of_the_contact(solved: dict[str, Solved], shape: str) -> None:
     results = solved[shape].results
     mesh = mesh_of(solved[shape].finger.config, results[0])
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
@@ -72,7 +72,7 @@ def test_displacements_of_the_skin_are_the_contacts(solved: dict[str, Solved], s
         np.testing.assert_allclose((found.moved_mm - found.corner_mm)[:-1], section[..., :2], rtol=0, atol=1e-12)
 
 
-def test_the_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
+def test_the_strain_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
     """Receptors are a quadratic through 27 centroids; the map has one value an element of the plane."""
     (result,), (found,) = solved["cylinder:9"].results, solved["cylinder:9"].maps
     outer = 0.5 * (found.corner_mm[1:] + found.corner_mm[:-1])
@@ -85,7 +85,9 @@ def test_the_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
         np.testing.assert_allclose(near, read, rtol=0, atol=0.13 * np.abs(read).max())
 
 
-def test_the_skin_is_where_the_contact_says(coarse_finger: Fingertip, solved: dict[str, Solved]) -> None:
+def test_the_strain_map_shows_the_skin_where_the_contact_has_it(
+    coarse_finger: Fingertip, solved: dict[str, Solved]
+) -> None:
     result, found, other = solved["bar:3.0"].results[1], solved["bar:3.0"].maps[1], solved["line"].maps[0]
     assert other.moved_mm[:, 0, 1].max() < other.corner_mm[:, 0, 1].max()
     x, y = result.skin_profile

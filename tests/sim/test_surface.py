@@ -12,7 +12,7 @@ from sim.finger.surface import FingertipSurface, published_points
 Array = NDArray[np.float64]
 
 
-def test_residuals_of_the_published_points(skin: FingertipSurface) -> None:
+def test_the_skin_fits_the_published_points_within_0_05_mm(skin: FingertipSurface) -> None:
     # Measured: rms 0.0105 mm, largest 0.0268 mm (site 2). The source prints its points to 0.001 mm and says nothing
     # of their error; 0.05 mm is a third of an element, below what the contact can see.
     r = skin.residuals_mm()
@@ -27,7 +27,7 @@ def jump(f: Callable[[Array], Array], at: float, h: float = 1e-3) -> float:
 
 
 @pytest.mark.parametrize("knot", [3.0, 5.0, 7.0, 9.0, 11.0])
-def test_second_derivative_along_z_is_continuous_at_the_knots(skin: FingertipSurface, knot: float) -> None:
+def test_the_skin_has_a_continuous_second_derivative_at_its_knots(skin: FingertipSurface, knot: float) -> None:
     # Measured third derivatives stay below 0.6 mm⁻²: 2 h · 0.6 = 0.0012/mm, round-off 4e-15 / h² = 4e-9. The bound is
     # 1 % of the apex's curvature, 1 / 3.8 mm; the last line shows that a jump above it is seen.
     for phi in (0.4, 1.2, np.pi / 2, 2.2, 2.8):
@@ -41,7 +41,7 @@ def test_second_derivative_along_z_is_continuous_at_the_knots(skin: FingertipSur
 
 
 @pytest.mark.parametrize("z", [4.0, 6.893, 9.0])
-def test_no_kink_across_the_apex(skin: FingertipSurface, z: float) -> None:
+def test_the_skin_has_no_kink_across_the_apex(skin: FingertipSurface, z: float) -> None:
     # A kink at the apex shows as a false pressure peak at x ≈ −0.1. In φ and in x; same bound as along z,
     # times the apex's third derivative in φ (≤ 5 mm/rad³).
     x_apex = float(skin.section(np.pi / 2, z)[0])
@@ -67,7 +67,7 @@ def test_the_pad_is_nearly_spherical_at_the_apex(skin: FingertipSurface) -> None
     assert -1 / axial == pytest.approx(3.8, rel=0.15)
 
 
-def test_angle_and_height_round_trip(skin: FingertipSurface) -> None:
+def test_the_angle_of_a_skin_point_gives_back_its_place_and_height(skin: FingertipSurface) -> None:
     z = np.linspace(1.0, 12.0, 23)[:, None]
     x = np.linspace(-0.9, 0.9, 19)[None] * skin.parameters(z)[0]
     phi = skin.angle_at(x, z)
@@ -77,7 +77,7 @@ def test_angle_and_height_round_trip(skin: FingertipSurface) -> None:
     assert ((phi > 0) & (phi < np.pi)).all()
 
 
-def test_the_ridge_is_the_highest_skin(skin: FingertipSurface) -> None:
+def test_the_apex_line_is_the_highest_skin(skin: FingertipSurface) -> None:
     # Brute force at 1 µm in z errs by R⁻¹ dz² / 8 < 1e-7 mm; the stated accuracy of the ridge is 1e-6. Beyond 95 % of
     # a section's half-width the skin is no pulp.
     z = np.arange(2.0, 11.0, 0.001)
@@ -86,7 +86,7 @@ def test_the_ridge_is_the_highest_skin(skin: FingertipSurface) -> None:
         assert float(skin.ridge(x)) == pytest.approx(skin.height(x, inside).max(), abs=1e-6)
 
 
-def test_normals_are_outward_unit_and_perpendicular(skin: FingertipSurface) -> None:
+def test_skin_normals_are_outward_unit_and_perpendicular(skin: FingertipSurface) -> None:
     phi, z = np.meshgrid(np.linspace(-np.pi, np.pi, 41), np.linspace(0.5, 12.25, 21))
     n = skin.normal(phi, z)
     np.testing.assert_allclose(np.linalg.norm(n, axis=-1), 1.0, rtol=0, atol=1e-14)
@@ -101,7 +101,7 @@ def test_normals_are_outward_unit_and_perpendicular(skin: FingertipSurface) -> N
     assert (np.einsum("ijk,ijk->ij", n[..., :2], here[..., :2]) > 0).all()
 
 
-def test_a_users_points_are_fitted_instead(skin: FingertipSurface) -> None:
+def test_points_of_a_user_are_fitted_instead_of_the_published_ones(skin: FingertipSurface) -> None:
     # Points lifted by 0.3 mm lift the apex by as much; the anchors at both ends hold the rest: 0.05 mm.
     xyz = published_points()[1] + [0, 0.3, 0]
     lifted = FingertipSurface.fit(Geometry(points=xyz.tolist()))

@@ -49,12 +49,12 @@ def whole(request: pytest.FixtureRequest, skin: FingertipSurface) -> Whole:
     return Whole(mesh, results, displacement.reshape(loads.shape), imbalance)
 
 
-def test_the_whole_solution_is_in_equilibrium(whole: Whole) -> None:
+def test_the_uncondensed_solution_is_in_equilibrium(whole: Whole) -> None:
     # Whatever found u, K·u = f says that it is right: 1e-9 is far above round-off (condition ~ 1e6 times 1e-16).
     assert (whole.imbalance <= 1e-9).all(), whole.imbalance
 
 
-def test_displacements_of_the_patch(whole: Whole) -> None:
+def test_condensed_and_uncondensed_patch_displacements_agree(whole: Whole) -> None:
     # The Schur complement's inverse equals the direct solution to about 1e-13 of the largest displacement.
     for result, u in zip(whole.results, whole.displacement, strict=True):
         there = u[whole.mesh.patch_nodes, :2].T
@@ -62,7 +62,7 @@ def test_displacements_of_the_patch(whole: Whole) -> None:
         np.testing.assert_allclose(here, there, rtol=0, atol=1e-10 * np.abs(there).max())
 
 
-def test_contact_holds_on_the_whole_solution(whole: Whole) -> None:
+def test_the_contact_conditions_hold_on_the_uncondensed_solution(whole: Whole) -> None:
     # Non-penetration of every skin node of the pulp, not only of the patch, and touching where there is force: to
     # 1e-8 of the depth along the normal, as required of a solve.
     mesh = whole.mesh
@@ -77,7 +77,7 @@ def test_contact_holds_on_the_whole_solution(whole: Whole) -> None:
         assert np.abs(gap[touching]).max() <= 1e-8 * result.doi_mm
 
 
-def test_strain_at_the_receptors(whole: Whole) -> None:
+def test_condensed_and_uncondensed_receptor_strain_agree(whole: Whole) -> None:
     # The adjoint right-hand sides of the condensed model against the operator on all displacements.
     operator, _ = strain_operator(whole.mesh, whole.results[0].model.receptors.position_mm)
     for result, u in zip(whole.results, whole.displacement, strict=True):

@@ -103,14 +103,14 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Said, ...]]] = {
 
 
 @pytest.mark.parametrize("name", CONVERSATIONS)
-def test_a_conversation(name: str) -> None:
+def test_the_virtual_balance_answers_each_command_as_mt_sics_documents(name: str) -> None:
     begun, *said = CONVERSATIONS[name]
     host = begun()
     for command, *wait_s, reply in said:
         assert host.say(command, *wait_s) == reply, command  # type: ignore[arg-type]
 
 
-def test_sir_repeats_every_sample_until_at() -> None:
+def test_the_virtual_balance_repeats_every_sample_after_sir_until_canceled() -> None:
     host = Host(lambda t_s: 10 * t_s * GRAM_N)
     host.clock.wait_s(1.0)
     lines = host.say(b"SIR\r\n", 1.0).split(b"\r\n")[:-1]
@@ -124,7 +124,7 @@ def test_sir_repeats_every_sample_until_at() -> None:
 # --- the cable ---
 
 
-def test_a_chunk_arrives_when_its_last_bit_has() -> None:
+def test_bytes_on_a_virtual_line_arrive_with_their_last_bit() -> None:
     clock = VirtualClock()
     line = SerialLine(clock, 9600)
     line.device_write(b"hello")
@@ -136,7 +136,7 @@ def test_a_chunk_arrives_when_its_last_bit_has() -> None:
     assert not line.host_pending()
 
 
-def test_each_direction_serialises_its_chunks() -> None:
+def test_each_direction_of_a_virtual_line_sends_one_chunk_after_another() -> None:
     clock = VirtualClock()
     line = SerialLine(clock, 1000)
     heard: list[tuple[float, bytes]] = []
@@ -151,7 +151,7 @@ def test_each_direction_serialises_its_chunks() -> None:
     assert heard[-1] == (pytest.approx(1.01), b"d")
 
 
-def test_baud_must_be_positive() -> None:
+def test_a_virtual_line_refuses_a_baud_rate_of_zero() -> None:
     with raises(ArgumentError, "bad_baud", baud=0):
         SerialLine(VirtualClock(), 0)
 
@@ -163,18 +163,18 @@ def ramp(t_s: float) -> float:
     return 0.1 * t_s
 
 
-def test_latency_is_the_force_of_a_while_ago() -> None:
+def test_the_virtual_load_cell_shows_the_force_of_its_latency_ago() -> None:
     late = load_cell(ramp, sample_period_s=0.05, latency_s=0.3)
     assert late(2.0) == pytest.approx(0.17, abs=1e-15)
     assert late(0.1) == 0.0
 
 
-def test_a_zero_that_drifts_is_added_to_the_force() -> None:
+def test_the_virtual_load_cell_adds_its_zero_drift_to_the_force() -> None:
     drifting = load_cell(ramp, sample_period_s=0.05, drift_n_per_s=-0.02)
     assert drifting(3.0) == pytest.approx(0.3 - 0.06, abs=1e-15)
 
 
-def test_noise_is_gaussian_of_its_size_and_the_same_whenever_it_is_asked_for() -> None:
+def test_the_noise_of_the_virtual_load_cell_is_gaussian_and_repeatable() -> None:
     cell = load_cell(lambda t_s: 0.02, sample_period_s=0.05, noise_n=1e-3, seed=7)
     values = np.array([cell(0.05 * k) for k in range(4000)])
     # Standard errors of 4 000 draws: 1e-3 / √4000 = 1.6e-5 and 1e-3 / √8000 = 1.1e-5; bounds at four of them.
@@ -186,7 +186,7 @@ def test_noise_is_gaussian_of_its_size_and_the_same_whenever_it_is_asked_for() -
     assert load_cell(lambda t_s: 0.02, sample_period_s=0.05, noise_n=1e-3, seed=8)(0.0) != values[0]
 
 
-def test_a_force_that_is_not_fresh_is_not_called_stable() -> None:
+def test_the_virtual_balance_calls_only_a_fresh_force_stable() -> None:
     clock = VirtualClock()
     line = SerialLine(clock, 9600)
     VirtualBalance(clock, line, Load(lambda t_s: 0.1, lambda t_s: t_s < 1.0))
@@ -207,7 +207,7 @@ UP, DOWN, CRUISE = 4000.0, 2500.0, 1000.0
 @pytest.mark.parametrize("speed", [0.0, 300.0, 900.0, 1000.0, 1500.0])
 @pytest.mark.parametrize("length", [700.0, 2000.0, 20_000.0])
 @pytest.mark.parametrize("cruise", [CRUISE, 5000.0])
-def test_ramps_cover_the_length_from_a_speed_to_rest(cruise: float, length: float, speed: float) -> None:
+def test_speed_ramps_cover_the_length_and_end_at_rest(cruise: float, length: float, speed: float) -> None:
     ramps = [ramp for ramp in ramps_to_rest(length, speed, cruise, UP, DOWN) if ramp.duration_s > 0]
     ends = [ramp.v0 + ramp.accel * ramp.duration_s for ramp in ramps]
     assert sum(ramp.mm for ramp in ramps) == pytest.approx(length, rel=1e-12)
@@ -219,7 +219,7 @@ def test_ramps_cover_the_length_from_a_speed_to_rest(cruise: float, length: floa
 
 
 @pytest.mark.parametrize(("length", "speed"), [(10.0, 300.0), (100.0, 1500.0)])
-def test_too_short_a_way_is_braked_harder(length: float, speed: float) -> None:
+def test_a_drive_brakes_harder_over_too_short_a_distance(length: float, speed: float) -> None:
     (ramp,) = ramps_to_rest(length, speed, CRUISE, UP, DOWN)
     assert ramp.mm == pytest.approx(length)
     assert ramp.v0 + ramp.accel * ramp.duration_s == pytest.approx(0.0, abs=1e-9)
@@ -243,7 +243,7 @@ def test_a_path_begun_in_motion_ends_at_its_target(target: float) -> None:
 # --- the clock ---
 
 
-def test_time_jumps_to_the_event_that_makes_it_ready() -> None:
+def test_virtual_time_jumps_to_the_event_that_ends_a_wait() -> None:
     clock = VirtualClock(start_unix_s=1000.0)
     heard: list[float] = []
     clock.call_at(3.0, lambda: heard.append(clock.monotonic_s()))
@@ -254,7 +254,7 @@ def test_time_jumps_to_the_event_that_makes_it_ready() -> None:
     assert clock.unix_s() == 1001.0
 
 
-def test_the_deadline_ends_a_wait_and_later_events_stay() -> None:
+def test_a_deadline_ends_a_virtual_wait_and_later_events_stay() -> None:
     clock = VirtualClock()
     heard: list[int] = []
     clock.call_at(2.0, lambda: heard.append(1))
@@ -264,7 +264,7 @@ def test_the_deadline_ends_a_wait_and_later_events_stay() -> None:
     assert heard == [1]
 
 
-def test_a_wait_that_nothing_can_end_is_an_error() -> None:
+def test_a_virtual_wait_that_nothing_can_end_is_an_error() -> None:
     with pytest.raises(RuntimeError):
         VirtualClock().wait_until(lambda: False, math.inf)
     with raises(ArgumentError, "no_deadline"):
@@ -273,7 +273,7 @@ def test_a_wait_that_nothing_can_end_is_an_error() -> None:
         VirtualClock().call_at(math.inf, lambda: None)
 
 
-def test_time_does_not_run_backwards() -> None:
+def test_virtual_time_does_not_run_backwards() -> None:
     clock = VirtualClock()
     clock.wait_s(1.0)
     clock.wait_s(-5.0)

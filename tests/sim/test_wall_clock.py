@@ -24,7 +24,7 @@ def run_until(scheduler: WallScheduler, t_s: float) -> None:
     scheduler.run()
 
 
-def test_calls_come_in_order_and_not_before_their_time(scheduler: WallScheduler) -> None:
+def test_scheduled_calls_run_in_order_and_not_before_their_time(scheduler: WallScheduler) -> None:
     heard: list[tuple[str, float]] = []
     now_s = scheduler.monotonic_s()
     for name, after_s in (("late", 0.02), ("early", 0.01), ("past", -1.0)):
@@ -36,7 +36,7 @@ def test_calls_come_in_order_and_not_before_their_time(scheduler: WallScheduler)
     assert heard[2][1] >= now_s + 0.02
 
 
-def test_files_are_heard_between_timers_and_no_more_once_unwatched(scheduler: WallScheduler) -> None:
+def test_the_scheduler_reads_watched_files_between_timers_until_unwatched(scheduler: WallScheduler) -> None:
     near, far = socket.socketpair()
     heard: list[bytes] = []
     scheduler.watch(near, lambda: (heard.append(near.recv(10)), scheduler.stop()))
@@ -52,7 +52,7 @@ def test_files_are_heard_between_timers_and_no_more_once_unwatched(scheduler: Wa
     assert heard == [b"a"]
 
 
-def test_a_stop_from_another_thread_ends_a_loop_that_waits_for_nothing(scheduler: WallScheduler) -> None:
+def test_a_stop_from_another_thread_ends_an_idle_scheduler(scheduler: WallScheduler) -> None:
     thread = threading.Thread(target=scheduler.run)
     thread.start()
     scheduler.stop()
@@ -60,6 +60,6 @@ def test_a_stop_from_another_thread_ends_a_loop_that_waits_for_nothing(scheduler
     assert not thread.is_alive()
 
 
-def test_times_are_finite(scheduler: WallScheduler) -> None:
+def test_the_scheduler_refuses_a_time_of_nan(scheduler: WallScheduler) -> None:
     with raises(ArgumentError, "endless_time"):
         scheduler.call_at(float("nan"), lambda: None)

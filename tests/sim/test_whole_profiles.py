@@ -43,7 +43,7 @@ def _said(sed: Array, snr_db: float, seed: int) -> Readings:
 
 
 @pytest.mark.parametrize(("shape", "most"), [("cylinder:9", 0.01), ("cylinder:3", 0.01), ("bar:3.0", 0.008)])
-def test_normal_pressures_say_how_all_forces_lean(
+def test_profile_pressures_normal_to_the_pressed_skin_give_the_sed_of_a_press(
     section: SampledSection, operator: Frictionless, shape: str, most: float
 ) -> None:
     """SED of a press from its normal pressures: to 1 %, where upright ones miss 3 to 8 %."""
@@ -54,7 +54,7 @@ def test_normal_pressures_say_how_all_forces_lean(
     assert np.linalg.norm(upright.sed(true) - sed) / np.linalg.norm(sed) > 2.5 * most
 
 
-def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Frictionless) -> None:
+def test_the_pressed_skin_of_a_profile_lies_on_the_indentor(section: SampledSection, operator: Frictionless) -> None:
     press = section.finger.indent("bar:3.0", 0.0, doi_mm=0.67)
     borne = contact_pressure(section, press)
     true = borne.means(PLACES)
@@ -72,7 +72,7 @@ def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Fricti
     ("shape", "x_mm", "most"),
     [("cylinder:9", 0.0, 0.13), ("cylinder:3", 0.0, 0.12), ("bar:3.0", 0.0, 0.12), ("step:1", -1.63, 0.33)],
 )
-def test_a_press_on_a_finer_mesh_is_read_back(
+def test_a_press_on_a_finer_mesh_is_decoded_within_its_band(
     operator: Frictionless, finer: SampledSection, shape: str, x_mm: float, most: float
 ) -> None:
     """At 30 dB, two draws a shape; docs/validation/coding.md has means over 200."""
@@ -93,7 +93,7 @@ def bar(operator: Frictionless) -> tuple[Array, Readings, Profile]:
     return true, readings, decode_profile(operator, readings)
 
 
-def test_fewer_readings_than_pressures_will_do_but_not_any_number(
+def test_decoding_accepts_fewer_readings_than_pressures_down_to_a_limit(
     section: SampledSection, operator: Frictionless
 ) -> None:
     with raises(ModelRangeError, "samples_beside_patch", from_mm=-4.25, to_mm=4.25):
@@ -110,7 +110,7 @@ def test_fewer_readings_than_pressures_will_do_but_not_any_number(
         decode_profile(sparse, _said(sparse.sed(true), 30.0, 0), prior="smooth")
 
 
-def test_silent_receptors_are_readings_too(operator: Frictionless) -> None:
+def test_decoding_uses_silent_receptors(operator: Frictionless) -> None:
     true = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
     sed = operator.sed(true)
     receptor = Receptor(2.0, 0.3 * float(sed.max()))
@@ -122,7 +122,7 @@ def test_silent_receptors_are_readings_too(operator: Frictionless) -> None:
     assert decoding_errors(true, found.pressure).relative_l2 < 0.4
 
 
-def test_what_is_cut_off_says_so(
+def test_a_bayes_decoding_that_is_cut_off_is_not_converged(
     operator: Frictionless, bar: tuple[Array, Readings, Profile], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, readings, whole = bar
@@ -147,7 +147,7 @@ def _within(low: float, high: float) -> Array:
 
 
 @pytest.mark.parametrize("diameter", [3.0, 9.0, 15.0])
-def test_round_skin_is_a_cylinder_of_that_diameter(diameter: float) -> None:
+def test_round_profile_skin_is_classified_as_a_cylinder_of_its_diameter(diameter: float) -> None:
     radius = diameter / 2
     on = np.sqrt(np.maximum(1e-9, radius**2 - (ENDS - 0.2) ** 2))
     found = classify_shape(_lying_on(7.0 - on, 1e-4), _within(-0.9, 1.2))
@@ -155,7 +155,7 @@ def test_round_skin_is_a_cylinder_of_that_diameter(diameter: float) -> None:
     assert found.size_mm == pytest.approx(diameter, rel=0.03)
 
 
-def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
+def test_flat_skin_is_classified_as_a_bar_as_wide_as_its_pressure_peaks() -> None:
     pressure = _within(-1.0, 1.0)
     pressure[[14, 24]] = 900.0  # 0.85 mm to each side
     found = classify_shape(_lying_on(np.full(40, 5.0), 1e-3), pressure)
@@ -167,7 +167,7 @@ def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
 
 
 @pytest.mark.parametrize("half_wave", [1.3, 2.5])
-def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
+def test_skin_on_a_flank_between_two_levels_is_classified_as_a_step(half_wave: float) -> None:
     s = np.clip((ENDS + 1.2) / half_wave, 0.0, 1.0)
     found = classify_shape(_lying_on(5.0 + 0.25 * (1 - np.cos(np.pi * s)), 1e-4), _within(-2.0, 2.0))
     assert found.name == "step"
@@ -184,7 +184,7 @@ def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
         ("step:3", -1.2, 0.8, "step", 1.3, 0.35),
     ],
 )
-def test_the_pressures_of_a_press_tell_what_pressed(
+def test_the_pressures_of_a_press_identify_the_indentor(
     section: SampledSection,
     shape: str,
     x_mm: float,

@@ -48,7 +48,7 @@ def seven() -> PressureLikelihood:
 # --- evidence and posterior ---
 
 
-def test_evidence_is_the_density_of_the_readings_under_the_prior() -> None:
+def test_the_log_evidence_of_a_contact_model_agrees_with_scipy() -> None:
     """Against scipy, in the readings' own space: but for the constant of the normal density, nothing is left out."""
     rng = np.random.default_rng(0)
     slope, value, root = rng.normal(size=(9, 7)), 30 * rng.normal(size=9), rng.normal(size=(9, 9))
@@ -66,7 +66,7 @@ def test_evidence_is_the_density_of_the_readings_under_the_prior() -> None:
         assert evidence == pytest.approx(density.logpdf(value) + 4.5 * np.log(2 * np.pi) + places)
 
 
-def test_the_posterior_is_that_of_linear_readings(seven: PressureLikelihood) -> None:
+def test_the_posterior_of_pressures_is_the_gaussian_of_linear_readings(seven: PressureLikelihood) -> None:
     models: list[Model] = [(ContactInterval(2, 5, BLUNT),), TWO]
     found = seven.posterior(models)
     means, variances = found.over(7)
@@ -94,7 +94,7 @@ def _of(model: Model) -> tuple[Array, Array]:
 # --- the climb ---
 
 
-def test_the_climb_ends_on_top_and_keeps_to_its_sort(seven: PressureLikelihood) -> None:
+def test_the_model_search_ends_at_the_highest_evidence_of_its_kind(seven: PressureLikelihood) -> None:
     climb = climbed(seven, alone(7), 3)
     assert climb.at_top
     (top,) = climb.best(1)
@@ -112,7 +112,7 @@ def test_the_climb_ends_on_top_and_keeps_to_its_sort(seven: PressureLikelihood) 
 # --- what is not negative ---
 
 
-def test_one_pressure_is_cut_off_as_the_normal_distribution() -> None:
+def test_one_truncated_pressure_has_the_moments_of_the_truncated_normal() -> None:
     mean, covariance, above = cut_off(np.array([[-1.0, 9.0]]), np.array([np.diag([4.0, 1.0])]))
     exact = truncnorm(0.5, np.inf, -1.0, 2.0)
     assert_allclose(mean, [[exact.mean(), 9.0]])
@@ -120,7 +120,7 @@ def test_one_pressure_is_cut_off_as_the_normal_distribution() -> None:
     assert above[0] == pytest.approx(norm.logcdf(-0.5))
 
 
-def test_pressures_that_go_together_give_way_together() -> None:
+def test_correlated_truncated_pressures_agree_with_sampling() -> None:
     """Against samples: two pressures of which one is mostly negative and pulls the other with it.
 
     Each is cut off once, so that what the second cut does to the first is missed: some 10 % of an sd.
@@ -137,7 +137,7 @@ def test_pressures_that_go_together_give_way_together() -> None:
 # --- mixtures ---
 
 
-def test_a_mixtures_moments_and_quantiles() -> None:
+def test_the_moments_and_quantiles_of_a_mixture_are_exact() -> None:
     mixture = Mixture(
         np.log([3.0, 1.0]) - 500.0, np.array([[2.0, 0.0], [6.0, 5.0]]), np.array([[1.0, 0.0], [1.0, 2.0]])
     )
@@ -152,7 +152,9 @@ def test_a_mixtures_moments_and_quantiles() -> None:
     assert norm.cdf((mixture.quantile(0.9)[1] - 5) / 2) == pytest.approx(0.6)
 
 
-def test_models_are_weighed_by_evidence_and_by_how_surely_they_are_positive(seven: PressureLikelihood) -> None:
+def test_contact_models_are_weighted_by_evidence_and_probability_of_positive_pressure(
+    seven: PressureLikelihood,
+) -> None:
     good, bad, far = (ContactInterval(2, 5, BLUNT),), (ContactInterval(0, 2, BLUNT),), (ContactInterval(5, 7, BLUNT),)
     mixture = mixed(seven, {good: -1.0, bad: -2.0, far: -90.0})
     assert len(mixture.log_weight) == 2
@@ -187,7 +189,7 @@ def _contacts(pressure: Array) -> Array:
     return np.asarray((np.diff(on, axis=1) > 0).sum(axis=1))
 
 
-def test_imagined_pressures_are_of_a_few_contacts_and_never_negative() -> None:
+def test_simulated_pressures_have_one_to_three_contacts_and_are_never_negative() -> None:
     drawn = imagined(4000, 39)
     assert drawn.shape == (4000, 39)
     assert (drawn >= 0).all()
@@ -203,7 +205,7 @@ def test_imagined_pressures_are_of_a_few_contacts_and_never_negative() -> None:
 # --- beside a search ---
 
 
-def test_two_mixtures_share_the_probability() -> None:
+def test_pooling_two_mixtures_shares_the_probability() -> None:
     one = Mixture(np.array([-700.0]), np.array([[2.0, 0.0]]), np.array([[1.0, 0.0]]))
     two = Mixture(np.log([3.0, 1.0]), np.array([[4.0, 4.0], [8.0, 0.0]]), np.ones((2, 2)))
     both = pooled(one, two, 0.2)
@@ -218,7 +220,7 @@ def flat() -> Array:
     return np.where(np.abs(PLACES) < 1, 300.0, 0.0)
 
 
-def test_the_band_always_holds_the_pressure(operator: Frictionless, flat: Array) -> None:
+def test_the_pressure_band_always_contains_the_decoded_pressure(operator: Frictionless, flat: Array) -> None:
     """Though the mean of a mixture can lie outside its quantiles: where one model in a hundred has a contact."""
     rare = Mixture(np.log([0.99, 0.01]), np.array([[0.0], [500.0]]), np.array([[0.0], [1.0]]))
     mean, sd = rare.moments()
@@ -234,7 +236,7 @@ def test_the_band_always_holds_the_pressure(operator: Frictionless, flat: Array)
 
 @pytest.mark.parametrize("snr_db", [0.0, 10.0])
 @pytest.mark.parametrize("peak", [0.0, 900.0])
-def test_bands_hold_in_loud_noise_with_and_without_corners(
+def test_pressure_bands_cover_the_truth_in_loud_noise_with_and_without_corners(
     operator: Frictionless, flat: Array, snr_db: float, peak: float
 ) -> None:
     """90 % told; over six draws three quarters are asked for."""

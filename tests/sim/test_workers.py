@@ -17,12 +17,12 @@ def _blocked(_: int) -> bool:
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs masks of signals (POSIX)")
-def test_they_leave_ctrl_c_to_us() -> None:
+def test_worker_processes_ignore_ctrl_c() -> None:
     assert list(in_processes(_blocked, [0], 1)) == [True]
     assert not _blocked(0)
 
 
-def test_workers_end_when_answers_are_closed() -> None:
+def test_worker_processes_end_when_their_results_are_closed() -> None:
     """One that sleeps for an hour is not waited for: this test would not end in time."""
     answers = in_processes(time.sleep, [0.0, 3600.0], 1)
     next(answers)
@@ -34,7 +34,7 @@ def _where(number: int) -> tuple[int, int]:
     return number, os.getpid()
 
 
-def test_caller_works_beside_its_workers() -> None:
+def test_the_calling_process_works_beside_its_workers() -> None:
     """It begins with the last item, while the other one starts; every item is worked on once."""
     found = dict(here_and_in_processes(_where, range(400), 2))
     assert sorted(found) == list(range(400))
@@ -61,7 +61,7 @@ print(last - first)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="mallopt is the GNU C library's")
-def test_memory_that_is_kept_is_not_cleared_again() -> None:
+def test_freed_memory_is_reused_without_page_faults() -> None:
     """40 arrays of half a megabyte, used and freed 20 times, are 100 000 pages without it."""
     ended = subprocess.run([sys.executable, "-c", _USED_OFTEN], capture_output=True, text=True, check=True)
     assert int(ended.stdout) < 1000

@@ -108,7 +108,7 @@ NO_NUMBER = {
 
 @pytest.mark.parametrize("what", NO_NUMBER)
 @pytest.mark.parametrize(("name", "call"), ONE_NUMBER)
-def test_one_number_is_an_int_or_a_float(
+def test_a_numeric_argument_refuses_booleans_texts_and_quantities(
     halfspace: Fingertip, name: str, call: Callable[[Fingertip, Any], Any], what: str
 ) -> None:
     """True is 1 to Python, and a quantity in µm was pressed as mm."""
@@ -117,7 +117,7 @@ def test_one_number_is_an_int_or_a_float(
 
 
 @pytest.mark.parametrize("value", [np.float32(0.25), np.float64(0.25), 0.25])
-def test_numbers_of_numpy_are_numbers(halfspace: Fingertip, value: Any) -> None:
+def test_a_numeric_argument_accepts_numpy_scalars(halfspace: Fingertip, value: Any) -> None:
     expected = halfspace.indent("sphere:4", doi_mm=0.25).force_gwt
     assert halfspace.indent("sphere:4", doi_mm=value).force_gwt == pytest.approx(expected, rel=1e-5)
 
@@ -173,7 +173,7 @@ NO_NUMBERS = {
 
 @pytest.mark.parametrize("what", NO_NUMBERS)
 @pytest.mark.parametrize(("name", "call"), ARRAY)
-def test_an_array_has_numbers(
+def test_an_array_argument_refuses_masked_values_and_quantities(
     halfspace: Fingertip, name: str, call: Callable[[Fingertip, Any], Any], what: str
 ) -> None:
     """Masked values were answered as what lies under the mask, and quantities in µm as mm."""
@@ -186,7 +186,7 @@ def test_an_array_has_numbers(
     [(0.0, 0.1), range(2), np.array([0.0, 0.1], dtype=np.float32), np.ma.array([0.0, 0.1]), [0.0, np.array(0.1)],
      np.array(0.1), np.array([0, 1], dtype=object), [0, None]],
 )  # fmt: skip
-def test_what_has_numbers_is_an_array(halfspace: Fingertip, values: Any) -> None:
+def test_an_array_argument_accepts_every_sequence_of_numbers(halfspace: Fingertip, values: Any) -> None:
     plain = np.atleast_1d(np.asarray([0.0 if one is None else float(one) for one in np.atleast_1d(values)]))
     found = indent_many(halfspace, "sphere:4", values, doi_mm=0.2)
     assert [one if one is None else one.force_gwt for one in found] == [
@@ -202,7 +202,7 @@ def test_what_has_numbers_is_an_array(halfspace: Fingertip, values: Any) -> None
         lambda one: one.points_below([0.0, 0.1, 0.2], [0.7, 0.8]),
     ],
 )
-def test_arrays_of_unequal_lengths_are_named_with_their_lengths(
+def test_array_arguments_of_unequal_lengths_are_refused_with_their_lengths(
     halfspace: Fingertip, call: Callable[[Fingertip], Any]
 ) -> None:
     with raises(ArgumentError, "unequal_lengths") as caught:
@@ -212,7 +212,9 @@ def test_arrays_of_unequal_lengths_are_named_with_their_lengths(
 
 @pytest.mark.parametrize("text", ["x_mm;z_mm;height_mm\n0;0;0,5\n", "0,5;0,7\n0,5;0,6\n", "0.5\t0.7\n0.5\t0.6\n"])
 @pytest.mark.parametrize("options", ["", ",spacing_mm=0.1"])
-def test_a_height_map_says_how_numbers_are_separated(tmp_path: Path, text: str, options: str) -> None:
+def test_a_height_map_with_other_separators_is_refused_with_the_expected_ones(
+    tmp_path: Path, text: str, options: str
+) -> None:
     path = tmp_path / "map.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ShapeError, match="by commas, and write decimal points"):
@@ -220,7 +222,7 @@ def test_a_height_map_says_how_numbers_are_separated(tmp_path: Path, text: str, 
 
 
 @pytest.mark.parametrize(("white", "says"), [(4095, "its relief is 0.025 mm, not 0.4 mm"), (65535, "")])
-def test_a_picture_that_is_shallower_than_stated_says_so(tmp_path: Path, white: int, says: str) -> None:
+def test_a_picture_shallower_than_its_stated_height_is_reported(tmp_path: Path, white: int, says: str) -> None:
     """12 bits in a file of 16: its white is nearly black."""
     path = tmp_path / "dots.png"
     grays = np.full((40, 40), white, dtype=np.uint16)

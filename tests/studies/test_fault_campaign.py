@@ -34,7 +34,7 @@ from studies.registry import read_table, tables_in
 # --- faults ---
 
 
-def test_every_byte_of_a_message_is_struck_in_every_way() -> None:
+def test_the_fault_campaign_strikes_every_byte_of_a_message_in_every_way() -> None:
     data = b"G0Z-3\n"
     found = list(wire_faults(data, from_device=True))
     arrives = [tuple(piece for _, piece in fault.pieces(data)) for fault in found if fault.kind != "late"]
@@ -52,7 +52,7 @@ def test_every_byte_of_a_message_is_struck_in_every_way() -> None:
     assert not [fault for fault in wire_faults(data, from_device=False) if fault.kind == "late"]
 
 
-def test_a_fault_is_known_by_its_name() -> None:
+def test_each_wire_fault_of_the_campaign_has_its_own_name() -> None:
     found = [*wire_faults(b"SI\r\n", from_device=True)]
     assert len({str(fault) for fault in found}) == len(found)
 
@@ -84,7 +84,7 @@ _hex = bytes.fromhex
         (NET_FT, b"<cfgcpf>10</cfgcpf>\n", b"<cfgcpf>20</cfgcpf>\n", True, False),
     ],
 )  # fmt: skip
-def test_shape_and_content_of_messages(
+def test_the_campaign_groups_messages_by_shape_and_content(
     spoken: Language, one: bytes, other: bytes, shapes: bool, contents: bool
 ) -> None:
     assert (spoken.shape(one) == spoken.shape(other)) is shapes
@@ -101,11 +101,11 @@ def test_shape_and_content_of_messages(
         ("tmcl", bytes.fromhex("01 04 00 00 00000001 06"), bytes.fromhex("01 06 01 00 00000000 08")),
     ],
 )
-def test_commands_of_every_stage(kind: str, tells: bytes, asks: bytes) -> None:
+def test_the_campaign_tells_motion_commands_from_queries_of_every_stage(kind: str, tells: bytes, asks: bytes) -> None:
     assert (LANGUAGES["stage"][kind].is_command(tells), LANGUAGES["stage"][kind].is_command(asks)) == (True, False)
 
 
-def test_every_kind_has_a_language() -> None:
+def test_the_campaign_has_a_language_for_every_device_kind() -> None:
     assert {room: set(kinds) for room, kinds in LANGUAGES.items()} == {room: set(BUILT_IN[room]) for room in BUILT_IN}
     spoken = [language(device) for bench in BENCHES for device in (config_of(bench).stage, config_of(bench).force)]
     assert {*spoken} == {LINES, MODBUS, MODBUS_TCP, ZABER, XIMC, TMCL, NET_FT}
@@ -115,7 +115,7 @@ def test_every_kind_has_a_language() -> None:
     ("kind", "goes_mm"),
     [("z stalls", 0.0), ("z travels 0.5", -0.5), ("z travels 2", -2.0), ("z slips going down", -0.5), ("none", -1.0)],
 )
-def test_a_faulty_carriage_goes_another_way(kind: str, goes_mm: float) -> None:
+def test_a_faulty_carriage_moves_otherwise_until_mended(kind: str, goes_mm: float) -> None:
     world = VirtualWorld("grbl")
     stage = _homed(world)
     stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
@@ -131,7 +131,7 @@ def test_a_faulty_carriage_goes_another_way(kind: str, goes_mm: float) -> None:
     assert _height_mm(world) == pytest.approx(before_mm, abs=0.01), "the switch is where it was"
 
 
-def test_a_stage_that_runs_on_moves_without_a_command() -> None:
+def test_a_carriage_that_runs_on_moves_without_a_command() -> None:
     world = VirtualWorld("grbl")
     stage = _homed(world)
     world.mechanics = FaultyCarriage(world, "z runs on")
@@ -186,7 +186,7 @@ FINE: Record = {
         ({"exit": "crashed"}, ["crash"]),
     ],
 )
-def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
+def test_each_violation_of_a_campaign_case_is_named(changed: Record, found: list[str]) -> None:
     assert violations({**FINE, **changed}) == found
 
 
@@ -209,7 +209,9 @@ def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
         ("ramp", "none", "reads 0.5", 0.0, False),
     ],
 )
-def test_what_is_spared(scenario: str, mechanics: str, cell: str, struck_gwt: float, spared: bool) -> None:
+def test_only_the_listed_campaign_cases_are_exempt(
+    scenario: str, mechanics: str, cell: str, struck_gwt: float, spared: bool
+) -> None:
     record = {**FINE, "scenario": scenario, "mechanics": mechanics, "cell": cell, "struck_gwt": struck_gwt}
     assert (exemption_of(record) is not None) is spared
 
@@ -226,11 +228,13 @@ def test_what_is_spared(scenario: str, mechanics: str, cell: str, struck_gwt: fl
         (None, 5.0, True),
     ],
 )
-def test_a_report_is_true(at: FinalPosition | None, force_gwt: float, true: bool) -> None:
+def test_the_campaign_judges_a_claim_true_only_if_the_force_agrees(
+    at: FinalPosition | None, force_gwt: float, true: bool
+) -> None:
     assert true_claim(claim_of(at), force_gwt) is true
 
 
-def test_a_cell_that_reads_half_hides_twice_the_threshold() -> None:
+def test_a_load_cell_that_reads_half_may_hide_twice_the_touch_threshold() -> None:
     assert true_claim("clear", 0.09, "reads 0.5")
     assert not true_claim("clear", 0.11, "reads 0.5")
 
@@ -275,7 +279,7 @@ def careless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Recor
     return found
 
 
-def test_a_careless_program_is_found_out(careless: dict[str, Record]) -> None:
+def test_the_campaign_finds_the_violations_of_a_careless_program(careless: dict[str, Record]) -> None:
     """A flipped bit makes Z-11.9 a Z-13.9: pressed beyond the bound. A motor that stalls makes its report untrue."""
     lift = {name.split("/", 3)[3]: record for name, record in careless.items() if record["phase"] == "lift"}
     flipped = lift["stage to flip 14.1"]  # 1 becomes 3
@@ -291,7 +295,9 @@ def test_a_careless_program_is_found_out(careless: dict[str, Record]) -> None:
     assert {record["reason"] for record in careless.values()} == {"lift, sideways, "}, "no case remembers another"
 
 
-def test_a_worker_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_campaign_records_a_crashed_worker_as_a_violation(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """A child that ends in any other way than it should is a record, and a violation."""
     monkeypatch.setattr(runner, "SCENARIOS", (Careless(),))
     monkeypatch.setattr(runner, "at_rest", lambda world: 1 / 0)
@@ -323,9 +329,7 @@ class Halting:
         return self.play(world, folder)
 
 
-def test_a_case_that_ended_is_judged_as_it_ended_whatever_is_done_after_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_campaign_case_is_judged_by_its_first_ending(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Eight commands as in the undisturbed run absorb a fault, but not those of the program that resumes it."""
     monkeypatch.setattr(runner, "SCENARIOS", (Halting(),))
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
@@ -336,13 +340,13 @@ def test_a_case_that_ended_is_judged_as_it_ended_whatever_is_done_after_it(
     assert (record["exit"], record["reason"], record["resumed"]) == ("failed", "move 0", True)
 
 
-def test_shards_together_are_the_whole() -> None:
+def test_the_shards_of_a_campaign_cover_every_case_once() -> None:
     found = [[n for n in range(1000) if in_shard(f"grbl/lift/{n}/stage to drop 1", one, 7)] for one in range(1, 8)]
     assert sorted(itertools.chain(*found)) == [*range(1000)]
     assert min(map(len, found)) > 100
 
 
-def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+def test_a_continued_campaign_skips_the_cases_of_its_commit(tmp_path: Path) -> None:
     """At this commit; a line that is torn counts as nothing."""
     lines = [
         '{"commit": "a1", "case": "grbl/lift/1/x"}',
@@ -355,7 +359,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert names_in(tmp_path / "found.jsonl", "a1", "rtu/") == set()
 
 
-def test_a_summary_counts_what_is_not_exempt() -> None:
+def test_a_campaign_summary_counts_violations_that_are_not_exempt() -> None:
     about = {**FINE, "commit": "a1", "bench": "grbl", "phase": "lift", "claim": "clear", "exempt": None, "s": 0.5}
     bad = {**about, "case": "bad", "worst_gwt": 20.0, "violations": ["force"]}
     spared = {**bad, "case": "spared", "worst_gwt": 30.0, "exempt": EXEMPTIONS[0].name}
@@ -370,7 +374,7 @@ WHOLE = ("grbl", "rtu", "tcp")
 """Benches of which every case was carried out; of the others a sample was."""
 
 
-def test_the_stored_tables_have_the_rows_that_a_summary_has() -> None:
+def test_the_stored_campaign_tables_have_the_rows_of_a_summary() -> None:
     about = {**FINE, "commit": "a1", "claim": "clear", "exempt": None, "violations": [], "case": "one"}
     found = CampaignSummary({**about, "bench": bench, "phase": "lift"} for bench in WHOLE)
     head, *rows, total = read_table("faults/campaign")
@@ -405,7 +409,7 @@ def _told_to_leave(case: FaultCase) -> bool:
     return (case.wire, case.way) == ("stage", "to") and case.phase in ("lift", "sideways", "return")
 
 
-def test_every_kind_is_on_a_bench() -> None:
+def test_the_campaign_benches_cover_every_device_kind() -> None:
     configs = [config_of(bench) for bench in BENCHES]
     assert {one.stage.kind for one in configs} == set(BUILT_IN["stage"])
     assert {one.force.kind for one in configs} == set(BUILT_IN["force"])
@@ -414,7 +418,9 @@ def test_every_kind_is_on_a_bench() -> None:
 # Drivers and faults of the other kinds: tests/rig/test_faults_in_a_press.py, tests/contracts.
 @pytest.mark.quick(rows=lambda bench: bench in ("grbl", "rtu"))
 @pytest.mark.parametrize("bench", PLAYED)
-def test_a_sample_of_the_campaign(bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sample_of_the_campaign_has_no_violation(
+    bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No case presses beyond the bound, reports what is not so, or loses or repeats a press; see judge.py."""
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
     whole = list(cases(bench, tmp_path, [one for one in SCENARIOS if one.name in PLAYED[bench]]))

@@ -25,7 +25,9 @@ def ours() -> dict[str, Any]:
 
 @pytest.mark.parametrize("speed_mm_s", SPEEDS_MM_S)
 @pytest.mark.parametrize("how", STOPS)
-def test_it_goes_on_as_far_as_the_real_one(ours: Record, how: str, speed_mm_s: float) -> None:
+def test_the_virtual_board_stops_within_10_percent_of_the_real_distance(
+    ours: Record, how: str, speed_mm_s: float
+) -> None:
     """Within 10 %: the mean of seven stops each, which come at any phase of a segment."""
     there = recorded("grbl_1_1h")["stops_mm"][how][f"{speed_mm_s:g}"]
     here = ours["stops_mm"][how][f"{speed_mm_s:g}"]
@@ -38,7 +40,7 @@ NOT_SIMULATED = ["G2 X1", "G2 X1 Y1 R1 F60", "G38.2 X1"]
 HOST_S_PACE = ["?"] * 4
 
 
-def test_it_answers_line_by_line_what_the_real_one_answers(ours: Record) -> None:
+def test_the_virtual_board_answers_line_by_line_as_real_firmware(ours: Record) -> None:
     """Some 240 lines and real-time bytes: g-code, `$` lines, reports in mm and inches, overrides, errors, alarms."""
     there = recorded("grbl_1_1h")
     assert len(there["conversation"]) > 230
@@ -48,5 +50,5 @@ def test_it_answers_line_by_line_what_the_real_one_answers(ours: Record) -> None
     assert 1 <= ours["reports_of_a_flood"] <= 5
 
 
-def test_the_other_firmware_was_asked_the_same(ours: Record) -> None:
+def test_grbl_and_grblhal_were_recorded_with_the_same_conversation(ours: Record) -> None:
     assert [sent for sent, _ in recorded("grblhal")["conversation"]] == [sent for sent, _ in ours["conversation"]]

@@ -39,7 +39,7 @@ def _row(of: str, **changed: Any) -> dict[str, Any]:
     return {**usual, **changed}
 
 
-def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path: Path) -> None:
+def test_a_random_finger_is_identified_without_reading_its_truth(finger: Fingertip, tmp_path: Path) -> None:
     known = with_reliable_touch(Config())
     stranger = inside(known, 2)
     tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
@@ -69,7 +69,7 @@ def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path
     assert keeper.held_gwt(GOALS[0], meeting.chooser.pace) > 0
 
 
-def test_the_truth_is_what_the_bench_answers_and_what_gives_goes_by_relaxed_forces() -> None:
+def test_the_true_force_of_a_compliant_bench_follows_the_relaxed_force() -> None:
     """Half of the force is lost within a hundredth of a second: finger and rig share the way by the other half.
 
     Against the finger alone at the depth that is left to it (to 0.1 %: what relaxes is sampled);
@@ -95,7 +95,7 @@ def test_the_truth_is_what_the_bench_answers_and_what_gives_goes_by_relaxed_forc
     assert relaxed_gwt(goal.doi_mm - 2 * give_mm_n * GWT_N * held_gwt) < 0.9 * held_gwt
 
 
-def test_a_press_without_an_answer_is_sampled_more_finely(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_true_force_without_convergence_is_sampled_more_finely(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
 
     def stalls(self: RelaxingPress, pose: Pose, step_s: float) -> float:
@@ -119,7 +119,7 @@ def test_a_press_without_an_answer_is_sampled_more_finely(monkeypatch: pytest.Mo
         keeper.held_gwt(GOALS[0], pace)
 
 
-def test_only_mounting_is_left_of_the_plant() -> None:
+def test_an_identification_study_may_only_mount_on_the_plant() -> None:
     mounted: list[str] = []
     plant = OnlyMounts(mounted.append)
     plant.mount("bar:3.0")
@@ -128,7 +128,7 @@ def test_only_mounting_is_left_of_the_plant() -> None:
         plant.pose_at(0.0)
 
 
-def test_strangers_are_on_another_mesh_and_each_is_its_seed() -> None:
+def test_random_fingers_have_another_mesh_and_depend_on_their_seed() -> None:
     known = Config(finger=FingertipConfig())
     for make in (inside, outside):
         assert make(known, 3) == make(known, 3)
@@ -141,7 +141,7 @@ def test_strangers_are_on_another_mesh_and_each_is_its_seed() -> None:
     assert {stranger.kind for stranger in strangers if stranger.made is OgdenFinger} == {"Ogden's tissue"}
 
 
-def test_the_table_counts_what_is_demanded() -> None:
+def test_the_table_of_an_identification_study_counts_its_requirements() -> None:
     rows = [
         _row("inside"),
         _row("inside", stranger="no finger", error=[0.2, 0.02], covered=[False, True], presses=7, bench_s=150.0),

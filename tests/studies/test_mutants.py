@@ -52,16 +52,16 @@ def mutants(tmp_path: Path) -> Mutants:
         ("for x in xs: break", "pass"),
     ],
 )
-def test_it_makes_the_slip(mutants: Mutants, line: str, slip: str) -> None:
+def test_the_mutation_tool_makes_each_listed_change(mutants: Mutants, line: str, slip: str) -> None:
     assert slip in [m.after for m in mutants(line)]
 
 
-def test_texts_types_and_messages_are_left_alone(mutants: Mutants) -> None:
+def test_the_mutation_tool_changes_no_texts_types_or_messages(mutants: Mutants) -> None:
     assert not mutants('"""Of 3 words."""\nfrom a import b\nx: list[int] | None\nname = f"{1 + 2}"\n')
     assert [m.after for m in mutants("raise Refused(1 + 2)")] == ["pass"]
 
 
-def test_what_no_test_can_tell_is_left_alone(mutants: Mutants) -> None:
+def test_the_mutation_tool_omits_changes_that_no_test_can_detect(mutants: Mutants) -> None:
     # Whether lengths that are equal must be, and the boundary between quantities.
     assert not mutants("pairs = zip(a, b, strict=True)")
     assert not mutants("x_mm = Field(default, description='of the pad')")
@@ -69,13 +69,13 @@ def test_what_no_test_can_tell_is_left_alone(mutants: Mutants) -> None:
     assert "near = count <= n" in [m.after for m in mutants("near = count < n")]
 
 
-def test_every_mutant_is_another_module_and_the_plain_one_the_same(mutants: Mutants, tmp_path: Path) -> None:
+def test_every_mutant_differs_and_the_unchanged_module_stays_the_same(mutants: Mutants, tmp_path: Path) -> None:
     found = mutants("def f(a, b=2):\n    # a comment\n    return (a + b) * 2 if a < b else -a\n")
     assert len({m.source for m in found}) == len(found) > 8
     assert plain(tmp_path, "module.py") == "def f(a, b=2):\n    return (a + b) * 2 if a < b else -a"
 
 
-def test_a_key_holds_while_lines_shift(mutants: Mutants) -> None:
+def test_the_key_of_a_mutant_survives_shifted_lines(mutants: Mutants) -> None:
     text = "class A:\n    def f(self):\n        if self.x < 1: return 2\n        if self.x < 1: return 2\n"
     keys = [m.key for m in mutants(text)]
     assert len(set(keys)) == len(keys)
@@ -83,7 +83,7 @@ def test_a_key_holds_while_lines_shift(mutants: Mutants) -> None:
     assert "module.py::A.f | if self.x < 1: → if self.x <= 1: #2" in keys
 
 
-def test_tests_that_run_the_line_are_tried_the_likely_and_quick_ones_first(mutants: Mutants, tmp_path: Path) -> None:
+def test_the_mutation_tool_tries_likely_and_quick_tests_first(mutants: Mutants, tmp_path: Path) -> None:
     mutant = next(m for m in mutants("LIMIT = 3\ndef f(a):\n    return a < LIMIT\n") if m.lines == (3,))
     lines = {"slow": [3], "quick": [3], "long": [3], "elsewhere": [2]}
     seconds = {"slow": 1.0, "quick": 0.1, "long": 9.0, "elsewhere": 0.1}
@@ -100,7 +100,7 @@ def test_tests_that_run_the_line_are_tried_the_likely_and_quick_ones_first(mutan
     assert tests.likely(constant, 50.0) == (["quick", "slow", "elsewhere", "long"], pytest.approx(10.2), True)
 
 
-def test_a_fixture_that_tests_share_is_paid_for_once(mutants: Mutants, tmp_path: Path) -> None:
+def test_the_mutation_tool_counts_the_time_of_a_shared_fixture_once(mutants: Mutants, tmp_path: Path) -> None:
     mutant = next(m for m in mutants("def f(a):\n    return a < 1\n"))
     entry = {"seconds": 0.1, "shared": {"finger": 3.0}, "lines": {"module.py": [2]}}
     tests = LineTests(tmp_path, {"a": entry, "b": entry, "c": {**entry, "shared": {"run": 3.0}}})
@@ -108,7 +108,7 @@ def test_a_fixture_that_tests_share_is_paid_for_once(mutants: Mutants, tmp_path:
     assert tests.likely(mutant, 7.0) == (["a", "b", "c"], pytest.approx(6.3), True)
 
 
-def test_the_score_leaves_equivalents_out_and_the_page_lists_every_survivor() -> None:
+def test_the_mutation_score_omits_equivalents_and_the_page_lists_every_survivor() -> None:
     def result(key: str, outcome: str) -> dict[str, object]:
         place = {"path": "a.py", "line": 1, "before": f"{key} | 1", "after": "2"}
         return {"key": key, "group": "first", "outcome": outcome, **place}
@@ -132,7 +132,7 @@ def test_the_score_leaves_equivalents_out_and_the_page_lists_every_survivor() ->
         ("--only rig/clock.py", {"first"}),
     ],
 )
-def test_the_list_makes_only_what_it_prints_and_says_so_first(
+def test_listing_mutants_makes_only_those_of_the_requested_group(
     words: str, groups: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("rig/engine/engine.py", "rig/clock.py"):

@@ -18,14 +18,14 @@ ROWS = references()
 RATIOS = {(row["shape"], row["doi_mm"]): row["force"] / row["linear"] for row in ROWS}
 
 
-def test_references_reach_what_is_pressed_and_what_is_asked_for() -> None:
+def test_the_ogden_references_cover_every_pressed_and_requested_depth() -> None:
     deepest_mm = {row["shape"]: row["doi_mm"] for row in ROWS}
     assert {(row["alpha"], row["x_mm"]) for row in ROWS} == {(9.78, 0.0)}
     assert all(deepest_mm[goal.indentor] >= goal.doi_mm for goal in GOALS)
     assert all(deepest_mm[shape] > 1 for shape in PRESSED)
 
 
-def test_the_factor_is_that_of_the_references_and_begins_at_one() -> None:
+def test_the_ogden_factor_is_that_of_the_references_and_begins_at_one() -> None:
     for (shape, depth_mm), ratio in RATIOS.items():
         assert factor(parse_shape(shape), depth_mm) == pytest.approx(ratio, rel=1e-12)
     assert factor(BAR, 0.0) == 1.0
@@ -34,13 +34,13 @@ def test_the_factor_is_that_of_the_references_and_begins_at_one() -> None:
         assert low < factor(BAR, depth_mm) < high
 
 
-def test_below_the_deepest_reference_the_factor_goes_on_straight() -> None:
+def test_the_ogden_factor_continues_straight_below_the_deepest_reference() -> None:
     once, twice, thrice = (np.log(factor(BAR, depth_mm)) for depth_mm in (1.1, 1.2, 1.3))
     assert thrice - twice == pytest.approx(twice - once, rel=1e-9)
     assert twice - once > 0.05
 
 
-def test_a_bench_feels_the_linear_twin_times_the_factor_whether_it_relaxes_or_not(finger: Fingertip) -> None:
+def test_an_ogden_finger_has_the_linear_force_times_the_factor(finger: Fingertip) -> None:
     ogden = OgdenFinger.load(finger.config)
     expected = factor(BAR, 0.4)
     assert abs(expected - 1) > 0.1
@@ -56,7 +56,7 @@ def test_a_bench_feels_the_linear_twin_times_the_factor_whether_it_relaxes_or_no
     assert held[0][1] < held[0][0]
 
 
-def test_what_no_reference_tells_is_refused(finger: Fingertip) -> None:
+def test_an_ogden_finger_refuses_a_shape_without_references(finger: Fingertip) -> None:
     ogden = OgdenFinger.load(finger.config)
     with pytest.raises(ModelRangeError, match="flat:2: no references"):
         ogden.indent("flat:2", doi_mm=0.2)

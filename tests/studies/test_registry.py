@@ -52,11 +52,11 @@ def _problems(tree: Path) -> list[str]:
     return registry.problems(tree / "registry.toml", tree / "results", tree / "docs")
 
 
-def test_registry_results_and_pages_agree() -> None:
+def test_registry_results_and_pages_of_the_studies_agree() -> None:
     assert registry.problems() == []
 
 
-def test_a_small_tree_agrees_and_is_shown_as_markdown(tree: Path) -> None:
+def test_a_page_shows_the_stored_tables_of_a_study_as_markdown(tree: Path) -> None:
     assert _problems(tree) == []
     shown = registry.expanded(PAGE, tree / "results")
     assert "| 1, 2 |  |" in shown
@@ -75,13 +75,15 @@ def test_a_small_tree_agrees_and_is_shown_as_markdown(tree: Path) -> None:
         ("registry.toml", "run =", 'data = ["nowhere.csv"]\nrun =', "nowhere.csv"),
     ],
 )
-def test_what_does_not_fit_is_named(tree: Path, file: str, before: str, after: str, named: str) -> None:
+def test_the_registry_names_each_disagreement_of_results_and_pages(
+    tree: Path, file: str, before: str, after: str, named: str
+) -> None:
     text = (tree / file).read_text("utf-8")
     (tree / file).write_text(text.replace(before, after), "utf-8")
     assert any(named in line for line in _problems(tree))
 
 
-def test_a_study_stores_the_tables_that_it_prints_and_the_commit(tree: Path) -> None:
+def test_a_study_stores_its_printed_tables_and_the_commit(tree: Path) -> None:
     (study,) = registry.studies(tree / "registry.toml").values()
     assert runner.store(study, PRINTED, "abcdef12") == 0
     assert registry.read_table("one/second", tree / "results") == [["c", "d"], ["4", "a \\| b"]]
@@ -89,7 +91,7 @@ def test_a_study_stores_the_tables_that_it_prints_and_the_commit(tree: Path) -> 
     assert (tree / "output" / "one.md").read_text("utf-8") == PRINTED
 
 
-def test_a_table_goes_to_the_file_with_its_header(tree: Path) -> None:
+def test_a_printed_table_is_stored_in_the_file_with_its_header(tree: Path) -> None:
     (study,) = registry.studies(tree / "registry.toml").values()
     assert (
         runner.store(
@@ -102,9 +104,7 @@ def test_a_table_goes_to_the_file_with_its_header(tree: Path) -> None:
     assert (tree / "registry.toml").read_text("utf-8").count("12345678") == 1
 
 
-def test_tables_that_commands_print_one_right_after_the_other_stay_apart(
-    tree: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tables_printed_by_consecutive_commands_stay_apart(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However often the study is run."""
     printed = {"first": "| a | b |\n|---|---|\n| 1 | 2 |\n", "second": "| c | d |\n|---|---|\n| 3 | 4 |\n| 5 | 6 |\n"}
     for name, text in printed.items():
@@ -117,7 +117,7 @@ def test_tables_that_commands_print_one_right_after_the_other_stay_apart(
         assert registry.read_table("one/second", tree / "results") == [["c", "d"], ["3", "4"], ["5", "6"]]
 
 
-def test_a_study_is_run_with_its_threads(
+def test_a_study_runs_with_its_number_of_threads(
     capfd: pytest.CaptureFixture[str], tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tree / "printed.py").write_text("import os\nprint(os.environ['OMP_NUM_THREADS'])\n", "utf-8")
@@ -126,7 +126,7 @@ def test_a_study_is_run_with_its_threads(
     assert capfd.readouterr().out == "1\n"
 
 
-def test_what_no_command_repeats_is_listed_and_not_run(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_removed_study_is_listed_with_its_commit_and_not_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert runner.main(["list", "timing", "by-hand"]) == 0
     assert "studies/results/speed/build.csv" in capsys.readouterr().out
     assert runner.run(Study("one", "What is asked.", (), removed="12345678")) == 1

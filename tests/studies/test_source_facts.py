@@ -37,7 +37,7 @@ def coarse() -> FingerAnswers:
         ("a or b, fully; in part c", ("a", "b, fully"), ("c",), ("d", "b")),
     ],
 )
-def test_the_limits_of_a_bound_belong_to_the_better_verdict(
+def test_a_value_on_a_limit_of_a_bound_has_the_better_verdict(
     bound: str, agrees: tuple[Any, ...], partly: tuple[Any, ...], differs: tuple[Any, ...]
 ) -> None:
     for word, values in (("agrees", agrees), ("partly", partly), ("differs", differs)):
@@ -45,11 +45,11 @@ def test_the_limits_of_a_bound_belong_to_the_better_verdict(
 
 
 @pytest.mark.parametrize("bound", ["10 ± 10 %, ± 20 %", "1 ± 1, ± 2", "≤ 1, ≤ 2", "≥ 1, ≥ 0"])
-def test_what_is_no_number_differs(bound: str) -> None:
+def test_a_value_of_nan_has_the_verdict_differs(bound: str) -> None:
     assert verdict(bound, np.nan) == "differs"
 
 
-def test_another_bound_is_refused() -> None:
+def test_a_malformed_bound_is_refused() -> None:
     with pytest.raises(ValueError, match="'about 3' is no bound"):
         verdict("about 3", 3.0)
 
@@ -57,14 +57,14 @@ def test_another_bound_is_refused() -> None:
 # --- the table ---
 
 
-def test_every_row_has_a_measurement_of_its_page() -> None:
+def test_every_source_fact_has_a_measurement() -> None:
     pages = [page for page, of_page in FACTS.items() for _ in of_page]
     assert [row[0] for row in ROWS] == pages
     assert len({(row[0], row[1]) for row in ROWS}) == len(ROWS) == 100
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row[0]}: {row[1]}"[:60])
-def test_a_stored_verdict_is_that_of_its_bound(row: list[str]) -> None:
+def test_every_stored_verdict_follows_from_its_bound(row: list[str]) -> None:
     _, _, _, bound, ours, stored = row
     value = ours
     if "in part" not in bound:
@@ -72,11 +72,13 @@ def test_a_stored_verdict_is_that_of_its_bound(row: list[str]) -> None:
     assert stored in (verdict(bound, value), UNKNOWN)
 
 
-def test_every_fact_is_as_it_is_stored() -> None:
+def test_every_source_fact_recomputes_to_its_stored_value() -> None:
     assert computed(ROWS, FingerAnswers()) == ROWS
 
 
-def test_a_verdict_that_changes_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_changed_verdict_of_a_source_fact_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     changed = [[*row[:-1], "differs"] if n == 7 else row for n, row in enumerate(ROWS)]
     monkeypatch.setattr(facts, "FingerAnswers", lambda: None)
     monkeypatch.setattr(facts, "computed", lambda rows, answers: changed)
@@ -87,7 +89,7 @@ def test_a_verdict_that_changes_is_named(monkeypatch: pytest.MonkeyPatch, capsys
 # --- what is measured ---
 
 
-def test_schedules_are_those_of_the_protocols() -> None:
+def test_the_source_facts_use_the_positions_of_the_protocols() -> None:
     assert runpy.run_path(str(find_script("steps")))["POSITIONS_MM"] == pressures.POSITIONS_MM
     assert runpy.run_path(str(find_script("bars")))["POSITIONS"] == profiles.BAR_POSITIONS
 
@@ -104,18 +106,18 @@ def test_schedules_are_those_of_the_protocols() -> None:
         (1.5, 9.0, "both fully"),
     ],
 )
-def test_which_edges_are_touched(left: float, right: float, told: str) -> None:
+def test_touched_edges_are_named_from_their_peak_pressures(left: float, right: float, told: str) -> None:
     assert pressures.in_words(left, right) == told
 
 
-def test_shares_of_the_force_add_up(coarse: FingerAnswers) -> None:
+def test_the_shares_of_the_force_on_a_step_add_up_to_one(coarse: FingerAnswers) -> None:
     first, last = pressures.MOVED["1"][0], pressures.MOVED["1"][-1]
     assert pressures.shares(coarse, first) == pytest.approx((1, 0, 0, 0))  # the lower flat
     assert pressures.shares(coarse, last) == pytest.approx((0, 0, 0, 1))
     assert sum(pressures.shares(coarse, pressures.AT_TABLE)) == pytest.approx(1.0)
 
 
-def test_presses_are_those_of_the_finger(coarse: FingerAnswers) -> None:
+def test_the_source_facts_use_the_receptor_strain_of_the_finger(coarse: FingerAnswers) -> None:
     pressed = coarse.finger.indent("bar:3.0", 0.0, doi_mm=1.0)
     x, values = coarse.beneath(deep("bar:3.0", 1.0), "e22")
     np.testing.assert_allclose(x, answers.ROW_X_MM, atol=1e-9)
@@ -124,7 +126,7 @@ def test_presses_are_those_of_the_finger(coarse: FingerAnswers) -> None:
     np.testing.assert_allclose(values, -pressed.receptor_measures["e22"][row], rtol=1e-9)
 
 
-def test_peaks_are_counted_by_how_far_they_stand_out() -> None:
+def test_peaks_are_counted_by_their_prominence() -> None:
     x = np.linspace(0, 1, 201)
     two = np.exp(-(((x - 0.3) / 0.05) ** 2)) + 0.5 * np.exp(-(((x - 0.7) / 0.05) ** 2))
     assert answers.maxima(two) == 2
@@ -147,7 +149,7 @@ class Fake:
         return self.x, self.profile * (scene.value if scene.kind == "force_gwt" else 1.0)
 
 
-def test_profiles_beneath_steps_are_compared() -> None:
+def test_profiles_beneath_steps_are_compared_by_peaks_growth_and_width() -> None:
     two: Any = Fake(1.0, 0.25)
     one: Any = Fake(1.0)
     assert pressures.two_highest(two, forced("step:1", 1.0)) == pytest.approx(0.25, abs=1e-4)
@@ -161,7 +163,9 @@ def test_profiles_beneath_steps_are_compared() -> None:
     ("peak", "dip", "told"),
     [(1.0, 0.5, "passes"), (1.0, 0.0, "no dip"), (0.5, 1.0, "dip exceeds peak"), (0.0, 1.0, "only a dip")],
 )
-def test_a_profile_in_words(peak: float, dip: float, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_profile_is_described_by_its_peak_and_dip(
+    peak: float, dip: float, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class One:
         indentor, x_mm, receptor_mm = "step:1", np.arange(9.0), np.array([0.0])
 
@@ -172,7 +176,7 @@ def test_a_profile_in_words(peak: float, dip: float, told: str, monkeypatch: pyt
     assert profiles.step_in_words(None, 0.0) == told  # type: ignore[arg-type]
 
 
-def test_mirror_images_correlate_by_their_parity() -> None:
+def test_the_mirror_correlation_of_a_profile_uses_its_parity() -> None:
     x = np.linspace(-2, 2, 41)
 
     class Symmetric:

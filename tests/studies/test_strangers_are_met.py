@@ -42,7 +42,7 @@ def rows() -> list[dict[str, Any]]:
     return [_met(inside(KNOWN, FIRST + k, AS_FINE)) for k in range(INSIDE)]
 
 
-def test_forces_of_shapes_that_were_not_pressed_are_foreseen(rows: list[dict[str, Any]]) -> None:
+def test_identification_predicts_forces_of_unpressed_shapes_within_ten_percent(rows: list[dict[str, Any]]) -> None:
     """Bounds of the whole proof; of 60 truths on 20 fingers 48 or more are in their bands of 90 %."""
     error, half = (np.abs(np.concatenate([row[key] for row in rows])) for key in ("error", "half"))
     assert np.median(error) <= 0.05
@@ -53,7 +53,7 @@ def test_forces_of_shapes_that_were_not_pressed_are_foreseen(rows: list[dict[str
     assert np.median(unmet) > 5 * np.median(error)
 
 
-def test_within_eight_gentle_presses_and_three_minutes(rows: list[dict[str, Any]]) -> None:
+def test_identification_takes_at_most_eight_gentle_presses_and_three_minutes(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         assert row["ended"] is None
         assert 4 <= row["presses"] <= 8
@@ -62,11 +62,11 @@ def test_within_eight_gentle_presses_and_three_minutes(rows: list[dict[str, Any]
         assert row["highest_gwt"] <= 1.25 * 20
 
 
-def test_no_more_than_one_in_twenty_is_said_to_be_no_finger(rows: list[dict[str, Any]]) -> None:
+def test_at_most_one_in_twenty_fingers_is_rejected_as_no_finger(rows: list[dict[str, Any]]) -> None:
     assert sum(row["stranger"] is not None for row in rows) <= 1
 
 
-def test_a_mount_that_slips_is_no_finger() -> None:
+def test_identification_rejects_a_mount_that_slips() -> None:
     stranger = outside(KNOWN, SLIPS)
     assert stranger.kind == "mount slips"
     assert _met(stranger)["stranger"].startswith("no finger of the prior predicts these forces: ")

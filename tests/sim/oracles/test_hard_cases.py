@@ -14,7 +14,7 @@ condensed = cache(solved)  # the same blocks serve several tests
 
 
 @pytest.mark.parametrize("poisson", [0.48, 0.49, 0.499, 0.4999])
-def test_hertz_stays_right_towards_incompressibility(poisson: float) -> None:
+def test_hertz_contact_stays_accurate_towards_incompressibility(poisson: float) -> None:
     # The errors of B-bar hardly know ν: spread 0.13 … 0.10 %, pressure 0.14 … 0.15 %.
     errors = contact_errors(half_space(16, 40, poisson), cylinder(poisson))
     assert abs(errors.half_width) < 0.01
@@ -22,20 +22,20 @@ def test_hertz_stays_right_towards_incompressibility(poisson: float) -> None:
     assert errors.inside < 0.01
 
 
-def test_hertz_locks_with_full_integration() -> None:
+def test_hertz_contact_locks_with_full_integration() -> None:
     # ν = 0.4999: contact 26 % too narrow on the mesh on which B-bar errs by 0.1 %.
     assert contact_errors(half_space(16, 40, 0.4999, "full"), cylinder(0.4999)).spread < -0.2
 
 
 @pytest.mark.parametrize("ratio", [1e3, 1e4, 1e6, 1e8])
-def test_stiff_bone_costs_no_digits(ratio: float) -> None:
+def test_condensation_loses_no_precision_with_stiff_bone(ratio: float) -> None:
     # Measured 1e-14 in both, whatever the ratio: bone is held, its displacement small where its stiffness is large.
     answer = condensed(ratio, "bone")
     assert answer.imbalance < 1e-12
     assert answer.mismatch < 1e-12
 
 
-def test_stiff_bone_tends_to_a_rigid_one() -> None:
+def test_elastic_bone_converges_to_rigid_bone_with_stiffness() -> None:
     # What an elastic bone adds to the displacement falls as 1 / ratio: 0.45 / ratio of the largest.
     rigid = condensed(1e12, "bone").displacement
     added = [np.abs(condensed(r, "bone").displacement - rigid).max() for r in (1e3, 1e4, 1e6)]
@@ -44,7 +44,7 @@ def test_stiff_bone_tends_to_a_rigid_one() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1e3, 1e4, 1e6, 1e8])
-def test_stiff_skin_costs_the_digits_of_its_ratio(ratio: float) -> None:
+def test_condensation_loses_the_digits_of_the_stiffness_ratio_with_stiff_skin(ratio: float) -> None:
     # K·u cancels to f among terms `ratio` times as large: measured 1.2 ratio ε · 5; ten times that is allowed. The
     # contact's residual of 1e-8 therefore holds up to ratios of about 1e6; the finger's epidermis is 10.
     answer = condensed(ratio, "skin")
@@ -54,7 +54,7 @@ def test_stiff_skin_costs_the_digits_of_its_ratio(ratio: float) -> None:
 
 @pytest.mark.parametrize("poisson", [0.48, 0.4999])
 @pytest.mark.parametrize("aspect", [10, 50])
-def test_flat_elements_in_a_squeezed_layer(aspect: int, poisson: float) -> None:
+def test_flat_elements_in_a_squeezed_layer_stay_within_half_a_percent(aspect: int, poisson: float) -> None:
     # A layer of 16 rows, each element `aspect` times as long as high, 40 to a wavelength: the tissue is squeezed out
     # sideways, where shear and volume would lock. Measured at most 0.3 %, of which (2π/40)²/12 = 0.2 % is the wave.
     layer, length = Layer(1.0, 1.0, 16), aspect / 16
@@ -64,7 +64,7 @@ def test_flat_elements_in_a_squeezed_layer(aspect: int, poisson: float) -> None:
 
 
 @pytest.mark.parametrize("aspect", [10, 50])
-def test_flat_elements_in_a_bending_skin(aspect: int) -> None:
+def test_flat_elements_in_a_bending_skin_stay_within_half_a_percent(aspect: int) -> None:
     # A skin 100 times as stiff as what it lies on, two elements thick, bends in long waves. Measured 0.2 %.
     skin = (Layer(0.4, 100.0, 2), Layer(4.0, 1.0, 40))
     length = 0.2 * aspect

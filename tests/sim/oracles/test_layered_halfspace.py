@@ -25,7 +25,7 @@ def square(half_width_mm: float) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("poisson", "expected"), [(0.4999, 6.0), (0.48, 6.05)])
 @pytest.mark.parametrize("kind", ["linear", "logarithmic"])
 @pytest.mark.parametrize("half_width_mm", [1.0, 2.0])
-def test_on_a_half_space_sed_falls_by_the_sixth_power(
+def test_sed_on_a_half_space_falls_with_the_sixth_power_of_distance(
     poisson: float, expected: float, kind: str, half_width_mm: float
 ) -> None:
     # Boussinesq's stress is radial where the tissue keeps its volume: SED ~ depth² / r⁶. Exact to 1 %.
@@ -36,7 +36,7 @@ def test_on_a_half_space_sed_falls_by_the_sixth_power(
     assert law.r2 > 0.999
 
 
-def test_a_layer_as_soft_as_what_is_below_is_none() -> None:
+def test_a_layer_as_soft_as_the_half_space_changes_no_strain() -> None:
     x, z = square(1.5)
     material = Elastic(BELOW, 0.48)
     layered = strain_below(np.hypot(x, z), DEPTH_MM, Layer(0.4, BELOW, 1), material)
@@ -52,7 +52,9 @@ def test_a_layer_as_soft_as_what_is_below_is_none() -> None:
 
 
 @pytest.mark.parametrize(("half_width_mm", "linear", "logarithmic"), [(1.0, 3.82, 3.92), (1.25, 3.86, 4.08)])
-def test_a_stiff_epidermis_makes_it_the_fourth(half_width_mm: float, linear: float, logarithmic: float) -> None:
+def test_sed_under_a_stiff_epidermis_falls_with_about_the_fourth_power(
+    half_width_mm: float, linear: float, logarithmic: float
+) -> None:
     # An epidermis of 0.4 mm, ten times stiffer: 3.82–3.86 by a linear fit, 3.9–4.2 by a logarithmic one, by range.
     x, z = square(half_width_mm)
     material = Elastic(BELOW, 0.48)
@@ -62,7 +64,7 @@ def test_a_stiff_epidermis_makes_it_the_fourth(half_width_mm: float, linear: flo
     assert fitted(r, sed, "logarithmic").m == pytest.approx(logarithmic, abs=0.01)
 
 
-def test_elements_round_it_off_and_finer_ones_less() -> None:
+def test_the_sed_exponent_on_elements_converges_with_element_size() -> None:
     # Measured 3.69 at 0.17 mm and 3.81 at 0.1 mm where 3.87 and 3.88 are exact: a force on one node is the worst.
     missed = []
     for spacing in (0.17, 0.1):

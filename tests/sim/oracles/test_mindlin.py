@@ -88,7 +88,7 @@ def _half_space(half_mm: float) -> Patch:
     return Patch(position, 4 * half.prod(axis=1), (ACROSS, ACROSS), (*BOTH, Y), compliance=compliance)
 
 
-def test_a_sphere_is_cattaneos_and_mindlins() -> None:
+def test_a_sphere_moved_sideways_agrees_with_cattaneo_and_mindlin() -> None:
     found = list(rows())
     assert len(found) == len(PARTS_OF_SLIDING)
     for row in found:

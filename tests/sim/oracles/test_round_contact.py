@@ -29,7 +29,7 @@ def four() -> Boxes:
     return quarter_space(4, 10), quarter_space(4, 20)
 
 
-def test_sphere_within_one_per_cent(ten: Patch) -> None:
+def test_hertz_sphere_contact_agrees_within_one_percent(ten: Patch) -> None:
     # Measured contact radius 0.38 %, spread 0.14 %, pressure inside 0.70 % of the mean;
     # at 16 elements 0.15, −0.04 and 0.44 %.
     errors = contact_errors(ten, sphere())
@@ -39,7 +39,7 @@ def test_sphere_within_one_per_cent(ten: Patch) -> None:
     assert errors.inside < 0.01
 
 
-def test_cone_within_one_per_cent(ten: Patch) -> None:
+def test_sneddon_cone_contact_agrees_within_one_percent(ten: Patch) -> None:
     # Measured contact radius −0.19 %, spread 0.21 %; the pressure, 1.2 %, is worst next to the logarithm at the tip.
     errors = contact_errors(ten, cone())
     assert errors.converged
@@ -48,7 +48,7 @@ def test_cone_within_one_per_cent(ten: Patch) -> None:
     assert errors.inside < 0.02
 
 
-def test_depth_misses_a_first_order_part_of_the_box(eight: Boxes) -> None:
+def test_the_depth_error_is_of_first_order_in_the_box_size(eight: Boxes) -> None:
     # Boxes of 10 and 20 radii: sphere −8.6 and −4.4 %, cone −6.5 and −3.3 %; extrapolated −0.14 and −0.16 %.
     for shape in (sphere(), cone()):
         small, large = (doi_error(patch, shape) for patch in eight)
@@ -56,7 +56,7 @@ def test_depth_misses_a_first_order_part_of_the_box(eight: Boxes) -> None:
         assert abs(extrapolated(small, large)) < 0.01
 
 
-def test_flat_punch_converges_at_first_order(four: Boxes, eight: Boxes) -> None:
+def test_the_depth_of_a_round_flat_punch_converges_at_first_order(four: Boxes, eight: Boxes) -> None:
     # Its edge is a staircase of nodes, its pressure singular there: depth at a given force 11.2, 5.4 % (2.4 % at 16).
     coarse, fine = (extrapolated(*(doi_error(patch, flat()) for patch in boxes)) for boxes in (four, eight))
     assert 0 < fine < 0.06
