@@ -508,6 +508,52 @@ def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
     assert speeds_mm_s[1] < 0.5 * speeds_mm_s[0]
 
 
+@pytest.mark.parametrize(("from_mm", "to_mm"), [((0.0, 0.0), (3.0, 0.0)), ((-2.0, 1.5), (2.0, -1.5))])
+def test_a_stage_that_shakes_goes_sideways_straight_and_by_steps_that_may_drag_a_finger(
+    from_mm: tuple[float, float], to_mm: tuple[float, float]
+) -> None:
+    """The sensor shows a touch whenever the stage moves, and none at rest."""
+    bench = StubBench()
+    engine = bench.ready()
+    verbs.move_to(engine, *from_mm)
+    limit, _ = verbs.guarded_sideways(engine)
+    shaking, rests_mm, was_mm = list[bool](), list[tuple[float, float]](), list[list[float]]()
+
+    def look() -> None:
+        if bench.stage.at_mm not in was_mm[-1:]:
+            shaking.append(True)
+        was_mm.append(list(bench.stage.at_mm))
+
+    bench.stage.at_look = look
+
+    def read() -> None:
+        if not shaking:
+            rests_mm.append((engine.x_mm, engine.along_mm))
+        bench.force.shows_gwt = 0.06 * bool(shaking)
+        shaking.clear()
+
+    bench.force.at_read = read
+    verbs.move_to(engine, *to_mm)
+    assert (engine.x_mm, engine.along_mm) == to_mm
+    steps_mm = [math.dist(a, b) for a, b in itertools.pairwise(dict.fromkeys([from_mm, *rests_mm]))]
+    looks_mm = limit.speed_mm_s * 0.1
+    assert len(steps_mm) <= 2 * (math.dist(from_mm, to_mm) / limit.in_contact_mm + 1)
+    assert max(steps_mm) <= limit.in_contact_mm + looks_mm
+    for at_mm in rests_mm:
+        assert math.dist(from_mm, at_mm) + math.dist(at_mm, to_mm) == pytest.approx(math.dist(from_mm, to_mm))
+
+
+def test_before_the_first_zero_no_place_is_called_lifted() -> None:
+    """Forces count from readings at the place before: a change is no force."""
+    bench, kept = StubBench(), KeptMemory()
+    verbs.home(bench.engine)
+    bench.engine.memory = kept
+    verbs.move_to(bench.engine, 1.0)
+    assert bench.engine.known_contact.kind == "raised"
+    assert not [known for known in kept.contacts if known.kind == "lifted"]
+    assert not bench.of("sample")
+
+
 def test_a_zero_journals_the_reading_in_the_air() -> None:
     bench = StubBench()
     bench.force.shows_gwt = 7.0
