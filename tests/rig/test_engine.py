@@ -135,6 +135,7 @@ def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
     moved: bool, after_s: float, measures: bool
 ) -> None:
     bench = StubBench()
+    bench.engine.sensing.zero = ForceZero(0.0, 0.0)
     if moved:
         bench.ready().measure_contact()
     bench.clock.wait_s(after_s)
@@ -506,6 +507,69 @@ def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
         verbs.move_to(bench.ready(), 3.0)
         speeds_mm_s.append(bench.stage.told[-1][3])
     assert speeds_mm_s[1] < 0.5 * speeds_mm_s[0]
+
+
+@pytest.mark.parametrize(
+    ("since_s", "drifts_gwt_s", "measured_at_rest"), [(0.3, 0.0, False), (1.5, 0.0, True), (1.5, 0.4, True)]
+)
+def test_no_move_sideways_begins_on_a_lift_that_was_measured_long_ago(
+    since_s: float, drifts_gwt_s: float, measured_at_rest: bool
+) -> None:
+    """After a second two readings at rest must agree again: one of a touch may pass through zero."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.measure_contact()
+    bench.clock.wait_s(since_s)
+    begun_s, measured = bench.clock.monotonic_s(), list[float]()
+    bench.force.at_read = lambda: setattr(
+        bench.force, "shows_gwt", drifts_gwt_s * (bench.clock.monotonic_s() - begun_s)
+    )
+    engine.memory = KeptMemory(touched=lambda known: measured.append(bench.stage.at_mm[0]))
+    x_mm, slips = bench.stage.at_mm[0], measured_at_rest and drifts_gwt_s > 0
+    with raises(TripError, "not_lifted") if slips else nullcontext():
+        verbs.go_sideways(engine, 0.02, 0.0)
+    assert (x_mm in measured) is measured_at_rest
+    assert (bench.stage.at_mm[0] == x_mm) is slips
+
+
+@pytest.mark.parametrize("called_each_s", [0.01, 0.3, 2.0])
+def test_a_wait_asks_inputs_and_force_each_tenth_of_a_second_and_the_stage_each_second(called_each_s: float) -> None:
+    """However often it is called; not all that it asks goes into the journal."""
+    bench = StubBench()
+    engine, inputs = bench.ready(), list[float]()
+    engine.stop_inputs = lambda engine, *, at_rest: inputs.append(bench.clock.monotonic_s())  # type: ignore[func-returns-value]
+    stage, status = list[float](), bench.stage.status
+    bench.stage.status = lambda: (stage.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
+    bench.force.read_s.clear()
+    look, until_s = verbs.LooksAtClearance(engine, bench.clock), bench.clock.monotonic_s() + 10.0
+    while bench.clock.monotonic_s() < until_s:
+        look()
+        bench.clock.wait_s(called_each_s)
+    for times, interval_s in ((bench.force.read_s, 0.1), (stage, 1.0), (inputs, 0.1)):
+        gaps = [b - a for a, b in itertools.pairwise(times)]
+        assert min(gaps) >= interval_s - 1e-9 or times is inputs, "a reading asks them, too"
+        assert max(gaps) <= max(interval_s, called_each_s) + 0.2
+    recorded = [sample for sample in bench.of("sample") if sample["phase"] == "rest"]
+    assert len(recorded) == pytest.approx(len(stage), abs=1)
+
+
+@pytest.mark.parametrize(("gwt", "below_mm", "code"), [(0.06, 8.2, True), (-0.06, 8.2, True), (0.04, 8.2, False)])
+def test_the_way_down_to_clearance_is_slow_and_ends_at_a_push_or_a_pull(
+    gwt: float, below_mm: float, code: bool
+) -> None:
+    bench = StubBench()
+    verbs.mount(bench.engine, "bar:3.0")
+    verbs.home(bench.engine)
+    verbs.zero(bench.engine)
+    bench.stage.told.clear()
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", gwt if bench.height_mm < below_mm else 0.0)
+    with raises(TripError, "touch_at_clearance") if code else nullcontext():
+        verbs.move_to(bench.engine, 1.0)
+    down = next(told for told in bench.stage.told if told[2] < bench.settings.frame.apex_z_mm + 20.0)
+    assert down[3] == bench.settings.habits.descent_speed_mm_s
+    assert down[2] - bench.settings.frame.apex_z_mm == pytest.approx(2.0)
+    assert ("halt" in bench.stage.told) is code
+    assert bench.engine.placed is not code
 
 
 @pytest.mark.parametrize(("from_mm", "to_mm"), [((0.0, 0.0), (3.0, 0.0)), ((-2.0, 1.5), (2.0, -1.5))])

@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageReset, StageTimeout
+from rig.engine import verbs
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero, NoReadingError
+from rig.engine.steps import Steps
 from rig.errors import LimitError, NotReadyError
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
@@ -21,6 +23,7 @@ from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import causes, raises
 from tests.rig.hand_bench import APEX_MM, KINDS, STAGES, Direction, SessionBench, code_of_end
+from tests.stub_bench import StubBench
 
 TOUCH_GWT = Config().habits.touch_force_gwt
 INCREMENT_MM = Config().habits.increment_mm
@@ -364,6 +367,22 @@ def test_a_free_step_is_made_to_its_end(kind: str, known: bool, axis: str, by_mm
     recorded = bench.memory.read().contact
     assert recorded is not None
     assert recorded.kind == found.known.kind
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("by_mm", [0.6, -0.4])
+def test_steps_add_up_along_their_axis_alone(axis: Any, by_mm: float) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    verbs.move_to(engine, 1.0, -0.5)
+    engine.lift(5.0)
+    for n in (1, 2, 3):
+        assert Steps(engine).make(Direction(axis, 1 if by_mm > 0 else -1), abs(by_mm), 2.0).ended_by is None
+        there = [x + n * by_mm * (axis == name) for name, x in (("x", 1.0), ("y", -0.5), ("z", 5.0))]
+        assert [engine.x_mm, engine.along_mm, engine.height_mm] == pytest.approx(there)
+        frame = bench.settings.frame
+        machine_mm = [frame.pad_centre_x_mm + there[0], frame.pad_y_mm + there[1], frame.apex_z_mm + there[2]]
+        assert bench.stage.at_mm == pytest.approx(machine_mm)
 
 
 def test_a_step_up_ends_at_the_top_of_the_travel(at_hand: Callable[..., SessionBench]) -> None:
