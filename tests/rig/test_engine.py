@@ -537,7 +537,7 @@ def test_a_wait_asks_inputs_and_force_each_tenth_of_a_second_and_the_stage_each_
     """However often it is called; not all that it asks goes into the journal."""
     bench = StubBench()
     engine, inputs = bench.ready(), list[float]()
-    engine.stop_inputs = lambda engine, *, at_rest: inputs.append(bench.clock.monotonic_s())  # type: ignore[func-returns-value]
+    engine.stop_inputs = lambda engine, *, at_rest: inputs.append(bench.clock.monotonic_s())
     stage, status = list[float](), bench.stage.status
     bench.stage.status = lambda: (stage.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
     bench.force.read_s.clear()
