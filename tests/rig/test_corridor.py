@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -114,16 +115,17 @@ def test_a_report_that_is_no_number_has_strayed() -> None:
 def test_a_jog_ends_at_rest_and_not_as_soon_as_it_is_near_its_target(by_mm: float) -> None:
     """The controller reports the target, and that it still moves, for a fifth of a second."""
     clock = VirtualClock(1.7e9)
-    stage, jog_to = StubStage(clock), StubStage.jog
+    stage: Any = StubStage(clock)
+    jog_to = stage.jog
     rest_s = list[float]()
 
     def jogged(axis: str, mm: float, speed_mm_s: float) -> None:
-        jog_to(stage, axis, mm, speed_mm_s)
+        jog_to(axis, mm, speed_mm_s)
         stage.state = "Jog"
         rest_s.append(clock.monotonic_s() + 0.2)
         clock.call_at(rest_s[0], lambda: setattr(stage, "state", "Idle"))
 
-    stage.jog = jogged  # type: ignore[method-assign]
+    stage.jog = jogged
     at = jog(stage, clock, UP if by_mm > 0 else DOWN, abs(by_mm), 1.0)
     assert at.state == "Idle"
     assert clock.monotonic_s() >= rest_s[0]

@@ -129,16 +129,20 @@ def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenev
 
 
 @pytest.mark.parametrize(
-    ("moved", "after_s", "measures"), [(False, 0.0, False), (True, 0.0, False), (True, 2.0, True)]
+    ("moved", "after_s", "since", "measures"),
+    [(False, 0.0, False, False), (True, 0.0, False, False), (True, 2.0, False, True), (True, 0.0, True, True)],
 )
 def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
-    moved: bool, after_s: float, measures: bool
+    moved: bool, after_s: float, since: bool, measures: bool
 ) -> None:
+    """since: whether it moved after the last measurement, be it an instant ago."""
     bench = StubBench()
     bench.engine.sensing.zero = ForceZero(0.0, 0.0)
     if moved:
         bench.ready().measure_contact()
     bench.clock.wait_s(after_s)
+    if since:
+        bench.engine.go_to_height(1.99, 2.0)
     read = len(bench.force.read_s)
     bench.engine.measure_at_end()
     assert (len(bench.force.read_s) > read) is measures
@@ -423,8 +427,10 @@ def test_what_the_last_command_left_is_left_first(name: str) -> None:
     before, resumed, shows_gwt, homes, alarms, code = LEFT[name]
     if shows_gwt < 9.0:
         before = before.model_copy(update={"zero_offset_n": ZEROED.offset_n, "zero_noise_gwt": ZEROED.noise_gwt})
-    bench = StubBench()
+    bench, connected = StubBench(), list[bool]()
     bench.force.shows_gwt = shows_gwt
+    bench.force.connect = lambda: (connected.append(True), "stub sensor")[1]  # type: ignore[method-assign]
+    bench.force.at_read = lambda: None if connected else raising(ForceTimeout("not connected"))()
     with raises(TripError, code) if code else nullcontext():
         verbs.leave_finger(bench.engine, before, resumed=resumed)
     assert ("home" in bench.stage.told) is homes
@@ -498,6 +504,15 @@ def test_a_place_is_at_clearance_to_the_micrometer() -> None:
     engine.go_to_height(2.015, 0.5)
     verbs.move_to(engine, 1.0)
     assert bench.of("move")[-1] == {"x_mm": 1.0, "along_mm": 0.0, "height_mm": pytest.approx(2.0)}
+
+
+@pytest.mark.parametrize(("height_mm", "fast"), [(9.97, False), (9.985, True), (10.0, True), (12.0, True)])
+def test_from_the_park_height_on_a_place_is_gone_to_at_the_speed_of_travel(height_mm: float, fast: bool) -> None:
+    bench = StubBench(stiffness=FingerStiffness(1000.0))
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 2.0)
+    verbs.go_sideways(engine, 0.5, 0.0)
+    assert (bench.stage.told[-1][3] == bench.settings.habits.travel_speed_mm_s) is fast
 
 
 def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
