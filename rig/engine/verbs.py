@@ -243,6 +243,8 @@ def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float =
         next_along_mm = engine.along_mm + share * (along_mm - engine.along_mm)
         engine.run_watched(partial(engine.motion.aside, next_x_mm, next_along_mm, speed_mm_s, look_s=look_s), Watch())
         _refuse_contact_before_move(engine)
+        if share == 1.0:
+            return
 
 
 def _refuse_contact_before_move(engine: Engine) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from scipy.stats import linregress
 
 from rig.engine import LimitError, RunAborted, TripError
 from rig.engine.engine import State
@@ -78,6 +79,16 @@ def test_compliance_is_fitted_to_readings_of_at_least_a_fifth_of_the_force(to_n:
     assert found.sd_mm_per_n == pytest.approx(0.0025 / (0.05 * (n * (n * n - 1)) ** 0.5), rel=1e-4)
     assert bench.height_mm == pytest.approx(2.0)
     assert bench.engine.state is State.READY
+
+
+def test_the_uncertainty_of_the_compliance_is_that_of_a_regression_where_readings_scatter() -> None:
+    bench = _steps_block(lambda step: 0.04 * (-1) ** step)
+    found = measure_compliance(bench.engine, 0.44 / GWT_N)
+    readings = [(height, force) for height, force in bench.readings("compliance") if force > 0.2 * 0.44 / GWT_N]
+    line = linregress([force * GWT_N for _, force in readings], [height for height, _ in readings])
+    assert found.readings == len(readings)
+    assert found.mm_per_n == pytest.approx(-line.slope, rel=1e-4)
+    assert found.sd_mm_per_n == pytest.approx(line.stderr, rel=1e-4)
 
 
 @pytest.mark.parametrize(("to_n", "readings"), [(0.19, 4), (0.14, 3)])

@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.devices.base import StageStatus
-from rig.engine.motion import Corridor, StrayedError, refuse_strayed
+from rig.engine.motion import DOWN, UP, Corridor, StrayedError, jog, refuse_strayed
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
+from tests.stub_bench import StubStage
 
 TOLERANCE_MM = 0.005
 places = st.tuples(*[st.floats(-60.0, 0.0)] * 3)
@@ -109,3 +111,23 @@ def test_a_single_stray_position_is_queried_again_before_it_counts(
 def test_a_position_report_of_nan_counts_as_strayed() -> None:
     corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, -3.0), 5.0, 90.0, TOLERANCE_MM)
     assert corridor.strayed(_at((0.0, 0.0, math.nan)), 100.0)
+
+
+@pytest.mark.parametrize("by_mm", [0.5, -0.05])
+def test_a_jog_ends_at_rest_and_not_as_soon_as_it_is_near_its_target(by_mm: float) -> None:
+    """The controller reports the target, and that it still moves, for a fifth of a second."""
+    clock = VirtualClock(1.7e9)
+    stage: Any = StubStage(clock)
+    jog_to = stage.jog
+    rest_s = list[float]()
+
+    def jogged(axis: str, mm: float, speed_mm_s: float) -> None:
+        jog_to(axis, mm, speed_mm_s)
+        stage.state = "Jog"
+        rest_s.append(clock.monotonic_s() + 0.2)
+        clock.call_at(rest_s[0], lambda: setattr(stage, "state", "Idle"))
+
+    stage.jog = jogged
+    at = jog(stage, clock, UP if by_mm > 0 else DOWN, abs(by_mm), 1.0)
+    assert at.state == "Idle"
+    assert clock.monotonic_s() >= rest_s[0]

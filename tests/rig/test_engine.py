@@ -129,15 +129,20 @@ def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenev
 
 
 @pytest.mark.parametrize(
-    ("moved", "after_s", "measures"), [(False, 0.0, False), (True, 0.0, False), (True, 2.0, True)]
+    ("moved", "after_s", "since", "measures"),
+    [(False, 0.0, False, False), (True, 0.0, False, False), (True, 2.0, False, True), (True, 0.0, True, True)],
 )
 def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
-    moved: bool, after_s: float, measures: bool
+    moved: bool, after_s: float, since: bool, measures: bool
 ) -> None:
+    """since: whether it moved after the last measurement, be it an instant ago."""
     bench = StubBench()
+    bench.engine.sensing.zero = ForceZero(0.0, 0.0)
     if moved:
         bench.ready().measure_contact()
     bench.clock.wait_s(after_s)
+    if since:
+        bench.engine.go_to_height(1.99, 2.0)
     read = len(bench.force.read_s)
     bench.engine.measure_at_end()
     assert (len(bench.force.read_s) > read) is measures
@@ -422,8 +427,10 @@ def test_what_the_last_command_left_is_left_first(name: str) -> None:
     before, resumed, shows_gwt, homes, alarms, code = LEFT[name]
     if shows_gwt < 9.0:
         before = before.model_copy(update={"zero_offset_n": ZEROED.offset_n, "zero_noise_gwt": ZEROED.noise_gwt})
-    bench = StubBench()
+    bench, connected = StubBench(), list[bool]()
     bench.force.shows_gwt = shows_gwt
+    bench.force.connect = lambda: (connected.append(True), "stub sensor")[1]  # type: ignore[method-assign]
+    bench.force.at_read = lambda: None if connected else raising(ForceTimeout("not connected"))()
     with raises(TripError, code) if code else nullcontext():
         verbs.leave_finger(bench.engine, before, resumed=resumed)
     assert ("home" in bench.stage.told) is homes
@@ -499,6 +506,15 @@ def test_a_place_is_at_clearance_to_the_micrometer() -> None:
     assert bench.of("move")[-1] == {"x_mm": 1.0, "along_mm": 0.0, "height_mm": pytest.approx(2.0)}
 
 
+@pytest.mark.parametrize(("height_mm", "fast"), [(9.97, False), (9.985, True), (10.0, True), (12.0, True)])
+def test_from_the_park_height_on_a_place_is_gone_to_at_the_speed_of_travel(height_mm: float, fast: bool) -> None:
+    bench = StubBench(stiffness=FingerStiffness(1000.0))
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 2.0)
+    verbs.go_sideways(engine, 0.5, 0.0)
+    assert (bench.stage.told[-1][3] == bench.settings.habits.travel_speed_mm_s) is fast
+
+
 def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
     speeds_mm_s = []
     for stiffness in (None, FingerStiffness(1000.0)):
@@ -506,6 +522,115 @@ def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
         verbs.move_to(bench.ready(), 3.0)
         speeds_mm_s.append(bench.stage.told[-1][3])
     assert speeds_mm_s[1] < 0.5 * speeds_mm_s[0]
+
+
+@pytest.mark.parametrize(
+    ("since_s", "drifts_gwt_s", "measured_at_rest"), [(0.3, 0.0, False), (1.5, 0.0, True), (1.5, 0.4, True)]
+)
+def test_no_move_sideways_begins_on_a_lift_that_was_measured_long_ago(
+    since_s: float, drifts_gwt_s: float, measured_at_rest: bool
+) -> None:
+    """After a second two readings at rest must agree again: one of a touch may pass through zero."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.measure_contact()
+    bench.clock.wait_s(since_s)
+    begun_s, measured = bench.clock.monotonic_s(), list[float]()
+    bench.force.at_read = lambda: setattr(
+        bench.force, "shows_gwt", drifts_gwt_s * (bench.clock.monotonic_s() - begun_s)
+    )
+    engine.memory = KeptMemory(touched=lambda known: measured.append(bench.stage.at_mm[0]))
+    x_mm, slips = bench.stage.at_mm[0], measured_at_rest and drifts_gwt_s > 0
+    with raises(TripError, "not_lifted") if slips else nullcontext():
+        verbs.go_sideways(engine, 0.02, 0.0)
+    assert (x_mm in measured) is measured_at_rest
+    assert (bench.stage.at_mm[0] == x_mm) is slips
+
+
+@pytest.mark.parametrize("called_each_s", [0.01, 0.3, 2.0])
+def test_a_wait_asks_inputs_and_force_each_tenth_of_a_second_and_the_stage_each_second(called_each_s: float) -> None:
+    """However often it is called; not all that it asks goes into the journal."""
+    bench = StubBench()
+    engine, inputs = bench.ready(), list[float]()
+    engine.stop_inputs = lambda engine, *, at_rest: inputs.append(bench.clock.monotonic_s())
+    stage, status = list[float](), bench.stage.status
+    bench.stage.status = lambda: (stage.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
+    bench.force.read_s.clear()
+    look, until_s = verbs.LooksAtClearance(engine, bench.clock), bench.clock.monotonic_s() + 10.0
+    while bench.clock.monotonic_s() < until_s:
+        look()
+        bench.clock.wait_s(called_each_s)
+    for times, interval_s in ((bench.force.read_s, 0.1), (stage, 1.0), (inputs, 0.1)):
+        gaps = [b - a for a, b in itertools.pairwise(times)]
+        assert min(gaps) >= interval_s - 1e-9 or times is inputs, "a reading asks them, too"
+        assert max(gaps) <= max(interval_s, called_each_s) + 0.2
+    recorded = [sample for sample in bench.of("sample") if sample["phase"] == "rest"]
+    assert len(recorded) == pytest.approx(len(stage), abs=1)
+
+
+@pytest.mark.parametrize(("gwt", "below_mm", "code"), [(0.06, 8.2, True), (-0.06, 8.2, True), (0.04, 8.2, False)])
+def test_the_way_down_to_clearance_is_slow_and_ends_at_a_push_or_a_pull(
+    gwt: float, below_mm: float, code: bool
+) -> None:
+    bench = StubBench()
+    verbs.mount(bench.engine, "bar:3.0")
+    verbs.home(bench.engine)
+    verbs.zero(bench.engine)
+    bench.stage.told.clear()
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", gwt if bench.height_mm < below_mm else 0.0)
+    with raises(TripError, "touch_at_clearance") if code else nullcontext():
+        verbs.move_to(bench.engine, 1.0)
+    down = next(told for told in bench.stage.told if told[2] < bench.settings.frame.apex_z_mm + 20.0)
+    assert down[3] == bench.settings.habits.descent_speed_mm_s
+    assert down[2] - bench.settings.frame.apex_z_mm == pytest.approx(2.0)
+    assert ("halt" in bench.stage.told) is code
+    assert bench.engine.placed is not code
+
+
+@pytest.mark.parametrize(("from_mm", "to_mm"), [((0.0, 0.0), (3.0, 0.0)), ((-2.0, 1.5), (2.0, -1.5))])
+def test_a_stage_that_shakes_goes_sideways_straight_and_by_steps_that_may_drag_a_finger(
+    from_mm: tuple[float, float], to_mm: tuple[float, float]
+) -> None:
+    """The sensor shows a touch whenever the stage moves, and none at rest."""
+    bench = StubBench()
+    engine = bench.ready()
+    verbs.move_to(engine, *from_mm)
+    limit, _ = verbs.guarded_sideways(engine)
+    shaking, rests_mm, was_mm = list[bool](), list[tuple[float, float]](), list[list[float]]()
+
+    def look() -> None:
+        if bench.stage.at_mm not in was_mm[-1:]:
+            shaking.append(True)
+        was_mm.append(list(bench.stage.at_mm))
+
+    bench.stage.at_look = look
+
+    def read() -> None:
+        if not shaking:
+            rests_mm.append((engine.x_mm, engine.along_mm))
+        bench.force.shows_gwt = 0.06 * bool(shaking)
+        shaking.clear()
+
+    bench.force.at_read = read
+    verbs.move_to(engine, *to_mm)
+    assert (engine.x_mm, engine.along_mm) == to_mm
+    steps_mm = [math.dist(a, b) for a, b in itertools.pairwise(dict.fromkeys([from_mm, *rests_mm]))]
+    looks_mm = limit.speed_mm_s * 0.1
+    assert len(steps_mm) <= 2 * (math.dist(from_mm, to_mm) / limit.in_contact_mm + 1)
+    assert max(steps_mm) <= limit.in_contact_mm + looks_mm
+    for at_mm in rests_mm:
+        assert math.dist(from_mm, at_mm) + math.dist(at_mm, to_mm) == pytest.approx(math.dist(from_mm, to_mm))
+
+
+def test_before_the_first_zero_no_place_is_called_lifted() -> None:
+    """Forces count from readings at the place before: a change is no force."""
+    bench, kept = StubBench(), KeptMemory()
+    verbs.home(bench.engine)
+    bench.engine.memory = kept
+    verbs.move_to(bench.engine, 1.0)
+    assert bench.engine.known_contact.kind == "raised"
+    assert not [known for known in kept.contacts if known.kind == "lifted"]
+    assert not bench.of("sample")
 
 
 def test_a_zero_journals_the_reading_in_the_air() -> None:

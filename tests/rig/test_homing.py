@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -93,6 +94,7 @@ def test_stage_that_can_go_up_no_farther_homes_from_there(error: StageError) -> 
     bench.stage.jog = raising(error)  # type: ignore[method-assign]
     verbs.home(bench.engine)
     assert bench.stage.told == ["unlock"] * isinstance(error, StageAlarm) + ["home"]
+    assert "a step of homing ended short" in _causes(bench)[0]
 
 
 def test_other_errors_of_a_first_step_stop_the_stage() -> None:
@@ -165,13 +167,47 @@ def test_stop_input_ends_the_first_steps() -> None:
     assert _homings(bench) == 0
 
 
-def test_noise_before_the_first_zero_is_no_growth() -> None:
+@pytest.mark.parametrize(
+    ("noise_gwt", "growth_gwt"), [(0.0, 0.05), (0.005, 0.05), (0.04, 0.24), (0.08, 0.48), (0.3, 0.5)]
+)
+@pytest.mark.parametrize("more_gwt", [-0.005, 0.005])
+def test_before_the_first_zero_a_growth_counts_beyond_touch_force_and_six_times_the_noise(
+    noise_gwt: float, growth_gwt: float, more_gwt: float
+) -> None:
+    """Up to half a gram-weight of noise: more is a finger that moves."""
     bench = _bench(zeroed=False)
-    values = iter(range(10_000))
-    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", 0.04 * (-1) ** next(values))
+    noise = [noise_gwt, -noise_gwt] * 6
+    bench.force.at_read = lambda: setattr(
+        bench.force, "shows_gwt", noise.pop() if noise else (growth_gwt + more_gwt) * (_homings(bench) > 0)
+    )
     verbs.home(bench.engine)
-    assert _homings(bench) == 1
-    assert _causes(bench) == []
+    assert bool(_causes(bench)) is (more_gwt > 0)
+    assert _homings(bench) == (2 if more_gwt > 0 else 1)
+
+
+@pytest.mark.parametrize(
+    ("gwt_mm", "code", "cause"),
+    [
+        (0.55, "homing_wrong_way", "the z axis runs the wrong way"),
+        (0.45, "homing_disturbed", "does not depend on the height"),
+        (-0.45, None, "does not depend on the height"),
+        (-0.55, None, "a finger came up"),
+    ],
+)
+def test_a_force_depends_on_the_height_if_a_step_changes_it_by_half_a_touch(
+    gwt_mm: float, code: str | None, cause: str
+) -> None:
+    """0.025 gwt in 0.05 mm; less may be drift."""
+    bench, halted_mm = _bench(), list[float]()
+    bench.stage.at_stop = lambda: halted_mm.append(bench.stage.at_mm[2])
+    bench.force.at_read = lambda: setattr(
+        bench.force,
+        "shows_gwt",
+        5.0 + gwt_mm * (bench.stage.at_mm[2] - halted_mm[-1]) if halted_mm else 0.3 * (_homings(bench) > 0),
+    )
+    with raises(TripError, code) if code else nullcontext():
+        verbs.home(bench.engine)
+    assert cause in [*_causes(bench), *(trip["reason"] for trip in bench.of("trip"))][0]
 
 
 def test_a_finger_that_moves_while_the_noise_is_read_does_not_hide_the_wrong_way() -> None:
@@ -300,8 +336,12 @@ def test_force_that_vanished_at_rest_is_reported_and_the_stage_homes_again() -> 
     assert min(_jogs_mm(bench)) > 0, "nothing to go back from"
 
 
-def test_force_that_vanishes_again_and_again_trips() -> None:
+@pytest.mark.parametrize("jogs", [True, False])
+def test_force_that_vanishes_again_and_again_trips(jogs: bool) -> None:
+    """Where the controller refuses steps nothing tells a finger from a disturbance."""
     bench = _bench()
+    if not jogs:
+        bench.stage.allow_unhomed_jogs = raising(StageRejected(9, "jog", "locked"))  # type: ignore[method-assign]
     moving: list[float] = []
     bench.stage.at_look = lambda: moving.append(2.0 * (_homings(bench)))
     bench.stage.at_stop = moving.clear
@@ -309,13 +349,14 @@ def test_force_that_vanishes_again_and_again_trips() -> None:
     with raises(TripError, "homing_disturbed"):
         verbs.home(bench.engine)
     assert _homings(bench) == 4
+    assert bool(_jogs_mm(bench)) is jogs
 
 
-@pytest.mark.parametrize("then_mm", [math.inf, 4.0])
-def test_finger_that_came_up_is_left_and_one_that_comes_up_twice_trips_lifted(then_mm: float) -> None:
-    """The second time it comes up again where the stage then is."""
+@pytest.mark.parametrize(("then_mm", "follows"), [(math.inf, False), (4.0, False), (4.0, True)])
+def test_finger_that_came_up_is_left_and_one_that_comes_up_twice_trips_lifted(then_mm: float, follows: bool) -> None:
+    """The second time it comes up again where the stage then is; one that follows is left by the travel."""
     skin_mm = [-1.0]
-    bench = _bench(lambda up_mm: 4.0 * max(skin_mm[0] - up_mm, 0.0))
+    bench = _bench()
 
     def come_up() -> None:
         up_mm = bench.stage.at_mm[2] - FROM_MM
@@ -324,7 +365,13 @@ def test_finger_that_came_up_is_left_and_one_that_comes_up_twice_trips_lifted(th
         if _homings(bench) == 2 and up_mm > then_mm + 1.0:
             skin_mm[0] = 9.0
 
-    bench.stage.at_look = come_up
+    def read() -> None:
+        up_mm = bench.stage.at_mm[2] - FROM_MM
+        if follows and max(_jogs_mm(bench), default=0.0) > STEP_MM:
+            skin_mm[0] = up_mm + 1.0
+        bench.force.shows_gwt = 4.0 * max(skin_mm[0] - up_mm, 0.0)
+
+    bench.stage.at_look, bench.force.at_read = come_up, read
     if then_mm == math.inf:
         verbs.home(bench.engine)
         assert bench.engine.state is State.READY
@@ -332,6 +379,9 @@ def test_finger_that_came_up_is_left_and_one_that_comes_up_twice_trips_lifted(th
         with raises(TripError, "finger_moves"):
             verbs.home(bench.engine)
         assert bench.stage.at_mm[2] - FROM_MM > 9.0 - 0.05
+        lifted_mm = sum(mm for mm in _jogs_mm(bench) if mm > STEP_MM)
+        assert (lifted_mm >= bench.settings.stage.travel_mm[2]) is follows
+        assert lifted_mm < bench.settings.stage.travel_mm[2] + 1.0
     assert _homings(bench) == 2
     assert "a finger came up" in _causes(bench)[0]
 
@@ -347,6 +397,7 @@ def test_force_that_does_not_depend_on_the_height_trips_only_beyond_a_trip(weigh
     else:
         verbs.home(bench.engine)
         assert _homings(bench) == 2
+        assert "does not depend on the height" in _causes(bench)[0]
         assert bench.engine.known_contact.kind == "disagreement"
 
 

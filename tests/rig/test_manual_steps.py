@@ -12,8 +12,11 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageReset, StageTimeout
+from rig.engine import verbs
 from rig.engine.engine import State
+from rig.engine.motion import DOWN, UP
 from rig.engine.sensing import ForceZero, NoReadingError
+from rig.engine.steps import Steps
 from rig.errors import LimitError, NotReadyError
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
@@ -21,6 +24,7 @@ from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import causes, raises
 from tests.rig.hand_bench import APEX_MM, KINDS, STAGES, Direction, SessionBench, code_of_end
+from tests.stub_bench import StubBench
 
 TOUCH_GWT = Config().habits.touch_force_gwt
 INCREMENT_MM = Config().habits.increment_mm
@@ -109,12 +113,6 @@ def test_a_finger_that_came_up_between_two_steps_is_not_pressed(at_hand: Callabl
     assert code_of_end(bench.step("z", -0.2)) == "touched"
     assert bench.height_mm == at_mm
     assert code_of_end(bench.step("z", -0.05)) is None, "the next one goes on"
-
-
-def test_after_a_step_up_the_next_one_down_ends_at_the_touch_again(at_hand: Callable[..., SessionBench]) -> None:
-    bench = at_hand(above_mm=0.2, zero=ZERO)
-    for axis, by_mm, code in (("z", -1.0, "touched"), ("z", 0.5, None), ("z", -1.0, "touched")):
-        assert code_of_end(bench.step(axis, by_mm)) == code
 
 
 def test_a_person_may_take_a_minute_between_two_steps(at_hand: Callable[..., SessionBench]) -> None:
@@ -366,6 +364,76 @@ def test_a_free_step_is_made_to_its_end(kind: str, known: bool, axis: str, by_mm
     assert recorded.kind == found.known.kind
 
 
+def over_a_finger(k_gwt: float = 6.0) -> tuple[StubBench, Steps]:
+    """At clearance above a spring whose skin is at the nominal apex."""
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", k_gwt * max(-bench.height_mm, 0.0) ** 1.5)
+    return bench, Steps(engine)
+
+
+BETWEEN: dict[str, Callable[[Steps], Any]] = {
+    "up": lambda steps: steps.make(UP, 0.5, 2.0),
+    "park": lambda steps: steps.park(5.0),
+    "sideways": lambda steps: (steps.make(UP, 4.0, 2.0), steps.make(Direction("x", 1), 0.5, 2.0)),
+}
+
+
+@pytest.mark.parametrize("between", BETWEEN)
+def test_after_any_other_step_the_next_one_down_ends_at_the_touch_again(between: str) -> None:
+    bench, steps = over_a_finger()
+    for _ in range(2):
+        for _ in range(4):
+            found = steps.make(DOWN, min(bench.height_mm + 1.0, 5.0), 2.0)
+            if found.ended_by is not None:
+                break
+        assert code_of_end(found) == "touched"
+        assert bench.force.shows_gwt <= 6.0 * ((TOUCH_GWT / 6.0) ** (2 / 3) + INCREMENT_MM) ** 1.5
+        BETWEEN[between](steps)
+
+
+@pytest.mark.parametrize(("to_mm", "clear"), [(CLEARANCE_MM + 0.1, True), (CLEARANCE_MM - 0.1, False)])
+def test_a_step_up_to_clearance_ends_the_contact_and_its_time(to_mm: float, clear: bool) -> None:
+    bench, steps = over_a_finger()
+    engine = bench.engine
+    steps.make(DOWN, 3.0, 2.0)
+    assert (engine.state, engine.contact.may_touch) == (State.IN_CONTACT, True)
+    bench.clock.wait_s(5.0)
+    steps.make(UP, to_mm - bench.height_mm, 2.0)
+    assert (engine.state is State.READY, engine.contact.may_touch) == (clear, not clear)
+    assert (engine.contact_time.total_s == 0.0) is clear
+
+
+@pytest.mark.parametrize(("gwt", "increments"), [(0.04, False), (0.2, True), (-0.2, True)])
+def test_with_a_force_on_the_sensor_it_goes_down_by_increments_from_any_height(gwt: float, increments: bool) -> None:
+    """A push or a pull: the zero has drifted, or something touches."""
+    bench = StubBench()
+    bench.ready().lift(6.0)
+    bench.force.shows_gwt = gwt
+    bench.stage.told.clear()
+    assert code_of_end(Steps(bench.engine).make(DOWN, 1.0, 2.0)) is None
+    heights_mm = [6.0, *(told[2] - bench.settings.frame.apex_z_mm for told in bench.stage.told)]
+    assert heights_mm[-1] == pytest.approx(5.0)
+    longest_mm = max(a - b for a, b in itertools.pairwise(heights_mm))
+    assert longest_mm == pytest.approx(INCREMENT_MM if increments else 1.0)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("by_mm", [0.6, -0.4])
+def test_steps_add_up_along_their_axis_alone(axis: Any, by_mm: float) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    verbs.move_to(engine, 1.0, -0.5)
+    engine.lift(5.0)
+    for n in (1, 2, 3):
+        assert Steps(engine).make(Direction(axis, 1 if by_mm > 0 else -1), abs(by_mm), 2.0).ended_by is None
+        there = [x + n * by_mm * (axis == name) for name, x in (("x", 1.0), ("y", -0.5), ("z", 5.0))]
+        assert [engine.x_mm, engine.along_mm, engine.height_mm] == pytest.approx(there)
+        frame = bench.settings.frame
+        machine_mm = [frame.pad_centre_x_mm + there[0], frame.pad_y_mm + there[1], frame.apex_z_mm + there[2]]
+        assert bench.stage.at_mm == pytest.approx(machine_mm)
+
+
 def test_a_step_up_ends_at_the_top_of_the_travel(at_hand: Callable[..., SessionBench]) -> None:
     bench = at_hand(zero=ZERO)
     bench.session.home()
@@ -556,6 +624,12 @@ def test_a_zero_in_a_touch_is_refused_by_its_lift(at_hand: Callable[..., Session
     with raises(LimitError, "zero_in_contact"):
         bench.session.zero()
     assert (bench.memory.read().zero, bench.session.sensing.zero) == (None, None)
+
+
+def test_a_zero_is_that_of_the_sensor_that_it_names(at_hand: Callable[..., SessionBench]) -> None:
+    bench = at_hand(above_mm=3.0, lifted=True)
+    assert bench.session.zero() == bench.session.zero_anyway() == bench.bench.force.connect() != ""
+    assert bench.memory.read().zero == bench.session.sensing.lasting_zero is not None
 
 
 def test_a_zero_without_a_reading_after_its_lift_is_none(at_hand: Callable[..., SessionBench]) -> None:

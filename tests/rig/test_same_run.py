@@ -90,7 +90,7 @@ def run(rig):
     for _ in range(either("fewer presses", 1, 0)):
         indent(
             rig, doi_mm=float(os.environ.get("WALK", "0.2")), hold_s=either("later hold", 0.1, 0.3),
-            speed_mm_s=either("later speed", None, 0.2),
+            speed_mm_s=either("later speed", None, 0.2), increments=either("later increments", 1, 2),
         )
     for _ in range(either("more presses", 0, 1)):
         rig.indent(doi_mm=0.2, hold_s=0.1)
@@ -106,6 +106,7 @@ LATER = {
     "later condition": ("data press index 6: ", "condition = b, ", "condition = None, "),
     "later checkpoint": ("checkpoint(): ", "name = d, ", "name = c, "),
     "later hold": ("data press index 6: ", "hold_s = 0.3, ", "hold_s = 0.1, "),
+    "later increments": ("data press index 6: ", "increments = 2, ", "increments = 1, "),
     "later speed": ("data press index 6: ", "speed_mm_s = 0.2, "),
     "no later retract": ("asks for data press index 6, ", "the run has retract()"),
     "fewer presses": ("next step: ", "asks for no further one, ", "the run has data press index 6"),

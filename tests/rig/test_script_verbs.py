@@ -6,6 +6,7 @@ import pytest
 
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
+from rig.protocol.handlers import SilentScriptError
 from rig.records import PressId
 from tests.error_codes import has_code
 from tests.rig.script_state import Walked, ready, refused, walked
@@ -183,3 +184,7 @@ def test_a_reference_press_that_differs_from_the_first_is_refused(change: dict[s
         rig.reference(**{**FIRST, **(change if isinstance(change, dict) else {})})  # type: ignore[arg-type]
 
     has_code(refused(script), "another_reference", verb="reference", indentor="bar", **FIRST_ASKED)
+
+
+def test_a_script_that_made_no_step_is_told_for_how_long() -> None:
+    assert str(SilentScriptError()) == "the script timed out: no step for 30 s"

@@ -20,6 +20,7 @@ from rig.engine.limits import (
     refuse_height,
     trip_height_mm,
 )
+from rig.records import PlannedIndentation, Target
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -92,6 +93,29 @@ def test_the_speed_of_a_move_sideways_keeps_a_collision_below_half_the_trip(
     elif limit.speed_mm_s > SLOWEST_MM_S:
         assert limit.force_gwt == pytest.approx(trip_gwt / 2)
     assert limit.force_gwt == pytest.approx(gwt_at_1_mm * limit.in_contact_mm**1.5)
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.2])
+@pytest.mark.parametrize("trip_gwt", [16.0, 204.0])
+def test_the_way_of_a_move_sideways_in_contact_is_the_touch_and_the_stop(latency_s: float, trip_gwt: float) -> None:
+    """After the touch threshold: sensor, two samples and a look unread (0.2 s), controller (0.11 s), 250 mm/s²."""
+    settings = _settings(force={"latency_s": latency_s}, stage={"acceleration_mm_s2": 250.0})
+    limit = SidewaysLimit.of(settings, trip_gwt, 0.05, FingerStiffness(400.0))
+    touch_mm, v = (0.05 / 400.0) ** (2 / 3), limit.speed_mm_s
+    assert limit.in_contact_mm == pytest.approx(touch_mm + v * (latency_s + 0.2 + 0.11) + v**2 / 500.0)
+
+
+def test_the_stiffness_of_a_finger_is_that_of_its_stiffest_press() -> None:
+    """40 gwt at 1 mm where nothing is predicted."""
+    presses = [
+        PlannedIndentation(
+            "bar", 0.0, Target("doi_mm", doi_mm), 0.0, gwt, doi_mm, 40.0, 0.1, increments=1, hold_s=1.0
+        )
+        for gwt, doi_mm in ((8.0, 1.0), (4.0, 0.25), (1.0, 0.5))
+    ]
+    assert FingerStiffness.of(presses).gwt_at_1_mm == pytest.approx(4.0 / 0.25**1.5)
+    assert FingerStiffness.of([]).gwt_at_1_mm == 40.0
+    assert FingerStiffness(32.0).depth_mm(4.0) == pytest.approx(0.25)
 
 
 def test_a_reading_of_a_move_sideways_is_late_after_two_samples_and_one_poll() -> None:
