@@ -587,6 +587,22 @@ def test_the_way_down_to_clearance_is_slow_and_ends_at_a_push_or_a_pull(
     assert bench.engine.placed is not code
 
 
+@pytest.mark.timeout(60)
+def test_a_move_sideways_ends_at_its_target_though_each_look_shows_a_touch() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    looked = list[bool]()
+    bench.stage.at_look = lambda: looked.append(True)
+
+    def read() -> None:
+        bench.force.shows_gwt = 0.06 * bool(looked)
+        looked.clear()
+
+    bench.force.at_read = read
+    verbs.move_to(engine, 3.0)
+    assert engine.x_mm == 3.0
+
+
 @pytest.mark.parametrize(("from_mm", "to_mm"), [((0.0, 0.0), (3.0, 0.0)), ((-2.0, 1.5), (2.0, -1.5))])
 def test_a_stage_that_shakes_goes_sideways_straight_and_by_steps_that_may_drag_a_finger(
     from_mm: tuple[float, float], to_mm: tuple[float, float]
