@@ -393,8 +393,8 @@ UNOBSERVED = {
         spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier(UNTIL_LOST).tolist()), rates=[*ALL[:3], 0],
     ),
     "CSV, the last pulses are missing": Case(
-        "the amplifier was off before the last two presses",
-        spikes_csv(*syncs(amplifier(RISES[:6])), spikes=amplifier(UNTIL_LOST).tolist()), rates=ALL[:3], lost=2,
+        "nothing shows that it was on to the end of the press at 60 s",
+        spikes_csv(*syncs(amplifier(RISES[:6])), spikes=amplifier(UNTIL_LOST).tolist()), rates=ALL[:3], lost=3,
     ),
     **{
         f"{source}, {what}": Case(
@@ -493,8 +493,9 @@ PRESENT = {
         "the other seven tell the clock", of_amplifier(**pulses_at(np.delete(amplifier(RISES), 3))), rates=ALL,
     ),
     "NWB, half of the pulses are missing": Case(
-        "what is there may be other events", of_amplifier(**pulses_at(amplifier(RISES[:4])), **observed((0, 100))),
-        rates=ALL, read_as="These are 4 of the 8 pulses of the run: they may be other events",
+        "what is there may be other events", of_amplifier(**pulses_at(amplifier(RISES[:4]))),
+        ("observed=throughout",), rates=ALL,
+        read_as="These are 4 of the 8 pulses of the run: they may be other events",
     ),
     "NWB, one too many and one missing": Case(
         "as many as the run's, and still not the run's",
@@ -931,19 +932,25 @@ EDGES = [
 ]
 
 
-def paused(kind: str, *lost: int, off_s: float = 0.0, **more: Any) -> Callable[[Path], str]:
-    """Of three pulses a press, those of these numbers are lost, or late, with the spikes of their presses."""
+def paused(
+    kind: str, *lost: int, off_s: float = 0.0, beside: Sequence[float] = (), **more: Any
+) -> Callable[[Path], str]:
+    """Of three pulses a press, those of these numbers are lost, or late, with the spikes of their presses.
+
+    Spikes `beside` those of the presses are there.
+    """
     presses_lost = {EDGES[n][0] for n in lost} if len(lost) > 1 else set()
     mine = [any(abs(t - STARTS[n]) < 1 for n in presses_lost) for t in TIMES]
-    spikes = [t + off_s * own for t, own in zip(TIMES, mine, strict=True) if off_s or not own]
+    spikes = sorted([*(t + off_s * own for t, own in zip(TIMES, mine, strict=True) if off_s or not own), *beside])
     rises = [t + off_s * (n in lost) for n, (*_, t) in enumerate(EDGES) if off_s or n not in lost]
     if kind == "CSV":
         return spikes_csv(*syncs(amplifier(rises)), spikes=amplifier(spikes).tolist())
     if kind == "NIX":
         return nix(spikes=spikes, line_v=True, rises=rises)
-    return of_amplifier(spikes, **pulses_at(amplifier(rises)), **more)
+    return of_amplifier(spikes, **pulses_at(amplifier(rises)) | more)
 
 
+ALTHOUGH = ", although it states that the unit was observed"
 FEWER = "Between 20.6 and 49.4 s of the run, the file has fewer pulses than the run"
 GAPS = {
     **{
@@ -964,6 +971,56 @@ GAPS = {
             read_as="The file has fewer pulses than the run, but presses count as observed",
         )
         for what, more in (("", {}), (", with intervals", observed((0, 100))))
+    },
+    **{
+        f"{kind}, a recorder that paused during the {which} two presses{what}": Case(
+            "it ran before the first press and after the last, and these have no pulse", paused(
+                kind, *lost, beside=(1.0, 80.58), **more), ("sync=ttl",) * (kind == "NIX"), rates=rates, lost=2,
+            run=of_presses,
+            read_as=f"{where} of the run, the file has fewer pulses than the run, as if the recorder had paused"
+            f"{although}: presses there count as not observed",
+            silent="before its first or after its last event",
+        )
+        for which, lost, rates, where in (
+            ("first", range(6), ALL[1:], f"Before {EDGES[6][2]:.1f} s"),
+            ("last", range(18, 24), ALL[:3], f"After {EDGES[17][2]:.1f} s"),
+        )
+        for kind, what, more, although in (
+            ("CSV", "", {}, ""), ("NWB", "", {}, ""), ("NIX", "", {}, ALTHOUGH),
+            ("NWB", ", stated as observed", observed((0, 100)), ALTHOUGH),
+        )
+    },
+    **{
+        f"a recorder that paused during the {which} press": Case(
+            "all its pulses are lost", paused("CSV", *lost, beside=(1.0, 80.58)), rates=rates, lost=1, run=of_presses,
+            read_as="fewer pulses than the run",
+        )
+        for which, lost, rates in (("first", range(3), [8.0, *ALL[1:]]), ("last", range(21, 24), [*ALL[:3], 0.0]))
+    },
+    **{
+        f"the only pulse of the {which} press lost": Case(
+            "nothing shows that it was on up to the next pulse", of_amplifier(
+                [1.0, *TIMES, 80.58], **pulses_at(amplifier(rises))), rates=rates, lost=lost, run=of_one_pulse,
+            read_as="fewer pulses than the run",
+        )
+        for which, rises, rates, lost in (
+            ("first", RISES[1:], [8.0, *ALL[1:]], 1), ("last", RISES[:-1], ALL[:3], 2),
+        )
+    },
+    **{
+        f"a recorder that paused at both ends, {what}": Case(
+            why, paused("NWB", *range(3), *range(21, 24), beside=(1.0, 80.58), **more), columns, run=of_presses,
+            **right,
+        )
+        for what, why, more, columns, right in (
+            ("observed throughout", "the user says so, as where the cable of the pulses was plugged in late", {},
+             ("observed=throughout",), {"rates": [4.0, 24.0, 12.0, 0.0], "read_as": "but presses count as observed"}),
+            ("as it states", "no pulse is missing while it was observed", observed((0, 2), (15, 75), (80.6, 100)), (),
+             {"rates": [8.0, 24.0, 12.0, 0.0], "lost": 2, "silent": "fewer pulses than the run"}),
+            ("and lost one pulse more", "two at the end of a press are no lost edge",
+             {"intervals__sync_pulses__start_time": amplifier([t for *_, t in EDGES[4:20]])}, (),
+             {"rates": [8.0, 24.0, 12.0], "lost": 3, "read_as": "and after"}),
+        )
     },
     "a pause of one press": Case(
         "its pulses are lost", paused("CSV", 6, 7, 8), rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses,
@@ -1009,11 +1066,11 @@ GAPS = {
     ),
     "a clock that wandered during a press": Case(
         "the line of the other pulses is not its clock there", paused("CSV", 7, 8, off_s=0.3),
-        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="the clock of the recorder had wandered",
+        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="or its clock had wandered",
     ),
     "a clock that wandered, observed throughout": Case(
         "the user does not know its clock either", paused("CSV", 7, 8, off_s=0.3), ("observed=throughout",),
-        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="the clock of the recorder had wandered",
+        rates=[6.0, 28.0, 12.0, 1.0], lost=1, run=of_presses, read_as="or its clock had wandered",
     ),
 }  # fmt: skip
 
