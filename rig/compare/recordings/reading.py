@@ -3,13 +3,14 @@
 import hashlib
 import math
 import re
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit, same_name
@@ -51,6 +52,7 @@ from sim.contact.shapes import shape_name
 _MOST_SIGNS = 20
 """Maximum number of equals signs in a shape, or of # before a unit, at which a name is split."""
 
+Array = NDArray[np.float64]
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
 RATES: Roles = (("position", "rate"), ("sd", "repeat"))
@@ -453,20 +455,48 @@ def of_one_afferent(found: Mapping[str, Recording]) -> dict[str, Recording]:
     }
 
 
-def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:
-    """Return what two recordings have in common only if one is a copy: their file and sheet, and the same rates.
+def are_copies(found: Recording, file: str, other: Recording, other_file: str) -> bool:
+    """Return whether two recordings are one: of one file and unit or sheet, or with the same spikes or rates.
 
-    Spike times have all presses of a run, so their file may be named for several stimuli. Rates are compared if at
-    least three of them differ and are above 0: two stimuli may leave an afferent silent.
+    Spike times have all presses of a run, so their file may be named for several stimuli.
     """
-    if found.spikes is not None:
-        return [(found.sha256, unit_of(file))]
-    sheet = file_and_sheet(Path(file))[1]
-    rates = tuple(tuple(sorted(some.tolist())) for some in found.repeats)
-    tell = len({rate for some in rates for rate in some} - {0.0}) >= _FEWEST_RATES
-    return [(found.sha256, sheet)] + [(tuple(found.position_mm.tolist()), rates)] * tell
+    if found.sha256 == other.sha256 and _part_of(found, file) == _part_of(other, other_file):
+        return True
+    if found.spikes is not None and other.spikes is not None:
+        return _are_same_spikes(found.spikes.spike_s, other.spikes.spike_s)
+    return _are_same_rates(found, other)
 
 
+def _part_of(found: Recording, file: str) -> str:
+    return unit_of(file) if found.spikes is not None else file_and_sheet(Path(file))[1]
+
+
+def _are_same_spikes(spike_s: Array, other_s: Array) -> bool:
+    """Return whether nearly all spikes of one unit are those of the other, which may be cut shorter or rounded."""
+    few, many = sorted((spike_s, other_s), key=len)
+    if not len(few) or (len(few) < _FEWEST_SPIKES and len(few) != len(many)):
+        return False
+    after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
+    apart_s = np.minimum(np.abs(many[after - 1] - few), np.abs(many[np.minimum(after, len(many) - 1)] - few))
+    return float(np.mean(apart_s <= _SAME_SPIKE_S)) >= _MOST_OF_SPIKES
+
+
+def _are_same_rates(found: Recording, other: Recording) -> bool:
+    """Return whether the rates of all presses are the same, as exactly as a table may have them.
+
+    They are compared if at least three of them differ and are above 0: two stimuli may leave an afferent silent.
+    """
+    pairs = list(zip(found.repeats, other.repeats, strict=False))
+    tell = len({rate for some in found.repeats for rate in some.tolist()} - {0.0}) >= _FEWEST_RATES
+    return (
+        tell
+        and np.array_equal(found.position_mm, other.position_mm)
+        and all(len(some) == len(others) for some, others in pairs)
+        and all(np.allclose(np.sort(some), np.sort(others), rtol=_ROUNDED, atol=0.0) for some, others in pairs)
+    )
+
+
+_FEWEST_SPIKES, _SAME_SPIKE_S, _MOST_OF_SPIKES = 10, 5e-4, 0.9
 _FEWEST_RATES = 3
 
 
@@ -484,17 +514,14 @@ def _refuse_several_units(found: Mapping[str, Recording]) -> None:
 
 def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, str]) -> None:
     """Refuse a table that is the recording of two stimuli: it would count twice."""
-    seen: dict[Hashable, ShapeKey] = {}
-    for key, one in found.items():
-        signs = signs_of_a_copy(one, files[key]) if one.spikes is None else []
-        for other in (seen.setdefault(sign, key) for sign in signs):
-            if other != key:
-                raise RecordingError(
-                    f"--recorded {key}={files[key]}: the recording of {other} already, in {files[other]}, with "
-                    "the same rates; those of one stimulus are not those of another: name a file of its own for "
-                    "each",
-                    "file_twice",
-                )
+    tables = {key: one for key, one in found.items() if one.spikes is None}
+    for other, key in combinations(tables, 2):
+        if are_copies(tables[key], files[key], tables[other], files[other]):
+            raise RecordingError(
+                f"--recorded {key}={files[key]}: the recording of {other} already, in {files[other]}, with the same "
+                "rates; those of one stimulus are not those of another: name a file of its own for each",
+                "file_twice",
+            )
 
 
 def _shape_and_file(text: str) -> tuple[str, str]:

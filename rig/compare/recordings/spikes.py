@@ -493,7 +493,8 @@ def rates_in_run(
         return with_enough_positions(Path(name), moved)
 
     notes = (*times.notes, *_differences(run, {hold.press for hold in holds}))
-    about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, notes, shifted)
+    presses, spike_s = len(rows) + len(lost_mm), times.spike_s
+    about = FromSpikes(presses, tuple(lost_mm), times.span, times.clock, notes, spike_s, shifted)
     return replace(recording(name, rows, end - begin), spikes=about, read_as=times.read_as)
 
 
