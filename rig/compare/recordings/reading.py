@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from rig.compare.recordings.columns import (
     header_of,
     no_rows,
     read_table,
+    refuse_nines,
     role_name,
     stated_unit,
 )
@@ -75,6 +77,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     rows = read_table(path, *names, given=columns.by_name, hint=COLUMNS_HINT)
     placed = list(_placed(rows))
     found = _counts(path, placed, columns) if counted else _rates(path, placed)
+    refuse_nines([row for row, _ in placed], "count" if counted else "rate", role_name("position"))
     _refuse_totals(placed, "count" if counted else "rate")
     by_chance = _refuse_a_repeat_of_totals(placed, "count" if counted else "rate")
     changes = tuple(
@@ -127,6 +130,7 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     seen: dict[tuple[float, str | float], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
     repeats = [row.cells.get(repeat, "") for row in rows]
+    _refuse_labels(rows)
     if any(repeats):
         _refuse_summaries(rows, repeats)
     for row, said in zip(rows, repeats, strict=True):
@@ -162,6 +166,7 @@ def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
         (lambda said: said != "" and not is_summary(said), "the number or name of a press at this position")
     ]
     rules += [(_is_number, "a number, as others are")] if any(map(_is_number, repeats)) else []
+    rules += [(_is_no_fraction, "a whole number, as others are")] if any(map(_is_whole, repeats)) else []
     rules += [(_has_digit, "a name with a number, as others are")] if any(map(_has_digit, repeats)) else []
     for fits, expected in rules:
         for row, said in zip(rows, repeats, strict=True):
@@ -182,10 +187,18 @@ def _named_repeats(rows: Sequence[Row]) -> str:
 
 
 _MOST_LISTED = 20
-_SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
+_SUMMARIES = (
+    "all", "overall", "sd", "std", "se", "sem", "min", "max", "minimum", "maximum", "var", "count", "range", "ci",
+    "cv", "iqr",
+)  # fmt: skip
+_LEVELS = {"all", "min", "max", "minimum", "maximum"}
+"""Words that may be those of conditions."""
+_NO_WORD = re.compile(r"[^\w%=.]+|_")
 _SUMMARY_WORD = re.compile(
     r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"
-    r"|moyennes?|sommes?|promedio|media|suma|somma|totale)(?![^\W\d_])|\bn\s*=\s*\d"
+    r"|moyennes?|sommes?|promedio|media|suma|somma|totale|variances?|varianz|std ?dev|std|sem"
+    r"|standard (?:deviation|error)|quantiles?|percentiles?|quartiles?|confidence|populations?|grand)(?![^\W\d_])"
+    r"|\bn\s*=\s*\d|\b\d+(?:\.\d+)?\s*%"
 )
 
 
@@ -194,8 +207,36 @@ def is_summary(label: str) -> bool:
     return label.casefold() in _SUMMARIES or _SUMMARY_WORD.search(label.casefold()) is not None
 
 
+def _refuse_labels(rows: Sequence[Row]) -> None:
+    """Refuse a row that a column which is not read calls a sum, a mean and the like, as an index of pandas does."""
+    for name in rows[0].unread if rows else ():
+        labels = [" ".join(_NO_WORD.sub(" ", row.unread[name].casefold()).split()) for row in rows]
+        found = [n for n, label in enumerate(labels) if label and all(map(_is_summary_word, label.split()))]
+        if len(found) == len(rows) or {labels[n] for n in found} <= _LEVELS:
+            continue
+        row = rows[found[0]]
+        raise RecordingError(
+            f"{row.path}, row {row.row}, column {name or 'without a name'}: {row.unread[name]!r} must be the label "
+            "of a press; delete rows with sums, means and the like",
+            "totals",
+        )
+
+
+def _is_summary_word(word: str) -> bool:
+    return word in _SUMMARIES or _SUMMARY_WORD.fullmatch(word) is not None
+
+
 def _is_number(label: str) -> bool:
     return isinstance(label_key(label), float)
+
+
+def _is_whole(label: str) -> bool:
+    key = label_key(label)
+    return isinstance(key, float) and key.is_integer()
+
+
+def _is_no_fraction(label: str) -> bool:
+    return _is_whole(label) or not _is_number(label)
 
 
 def _has_digit(text: str) -> bool:
@@ -203,21 +244,52 @@ def _has_digit(text: str) -> bool:
 
 
 def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
-    """Refuse a last row whose numbers are all the sums, or all the means, of those above."""
-    columns = [[row.number(name) for row, _ in rows], [place for _, place in rows]]
+    """Refuse one of the first or last rows whose numbers are all the sums, means and the like of the other rows."""
+    columns = [name, role_name("position")]
     repeats = [row.format.number(row.cells.get(role_name("repeat"), "")) for row, _ in rows]
-    columns += [] if any(map(math.isnan, repeats)) else [repeats]
-    if len(rows) <= _FEWEST_RATES or np.ptp(columns[0][:-1]) == 0:
-        return
-    for words, of in (("sums", np.sum), ("means", np.mean)):
-        near = (abs(of(one[:-1]) - one[-1]) <= _ROUNDED * np.abs(one[:-1]).max() for one in columns)
-        if all(near):
-            raise rows[-1][0].wrong(
-                name,
-                "totals",
-                f"a press, but this last row has the {words} of the rows above; delete it, or, if it is a press, "
-                "move it up",
-            )
+    values = np.array([[row.number(name), place, repeat] for (row, place), repeat in zip(rows, repeats, strict=True)])
+    columns += [] if any(map(math.isnan, repeats)) else [role_name("repeat")]
+    for beside in range(1, min(_MOST_TOTALS, len(rows) - _FEWEST_RATES) + 1):
+        for block, others in ((slice(-beside, None), slice(-beside)), (slice(beside), slice(beside, None))):
+            table = values[others, : len(columns)]
+            if np.ptp(table[:, 0]) == 0:
+                continue
+            at = block.indices(len(rows))[0]
+            tolerances = [[_half_a_digit(row, column) for column in columns] for row, _ in rows[block]]
+            tolerance = np.maximum(_ROUNDED * np.abs(table).max(axis=0), tolerances)
+            for words, of in _TOTALS.items():
+                near = (np.abs(values[block, : len(columns)] - of(table)) <= tolerance).all(axis=1)
+                if near.any():
+                    where = "above" if at else "below"
+                    raise rows[at + int(near.argmax())][0].wrong(
+                        name,
+                        "totals",
+                        f"a press, but this row has the {words} of the rows {where}; delete it, or, if it is a "
+                        "press, move it into the middle",
+                    )
+
+
+def _half_a_digit(row: Row, name: str) -> float:
+    """Return by how much a number may be rounded, in the program's unit; 0 for a whole one."""
+    decimals = _decimals(row, name)
+    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals else 0.0
+
+
+def _decimals(row: Row, name: str) -> int:
+    """Return the number of decimals of a cell's value: none of 39.0."""
+    in_file = row.number(name) / row.columns[name].factor
+    return max(0, -int(Decimal(f"{in_file:.12g}").normalize().as_tuple().exponent))
+
+
+_TOTALS: Mapping[str, Callable[[Array], Array]] = {
+    "sums": lambda table: table.sum(axis=0),
+    "means": lambda table: table.mean(axis=0),
+    "sds": lambda table: table.std(axis=0, ddof=1),
+    "sds (of n)": lambda table: table.std(axis=0),
+    "standard errors": lambda table: table.std(axis=0, ddof=1) / math.sqrt(len(table)),
+    "variances": lambda table: table.var(axis=0, ddof=1),
+}
+_MOST_TOTALS = 8  # rows that pandas' describe() gives
 
 
 def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
@@ -229,33 +301,39 @@ def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
     for row, place in rows:
         at.setdefault(place, {})[row.cells.get(role_name("repeat"), "")] = row, row.number(name)
     every = [some for some in at.values() if len(some) > _FEWEST_OTHERS]
-    said = ""
+    said, digits = "", _half_digits(rows, name)
     for label in every[0] if every else ():
         differ = [some for some in every if label in some and len({value for _, value in _others(some, label)}) > 1]
         for word, summary in _SUMMARIES_OF.items():
-            rounded = not summary.whole or not any("." in some[label][0].cells[name] for some in differ)
-            everywhere = rounded and all(_has(summary, some, label, name) for some in differ)
-            if len(differ) < _FEWEST_TOTALS or not everywhere:
+            if len(differ) < _FEWEST_TOTALS or not all(_has(summary, some, label, digits) for some in differ):
                 continue
             has = f"it has the {word} of the other repeats at each of {len(differ)} positions"
-            if summary.never_by_chance or _chance(summary, differ, name) < _UNLIKELY:
+            chance = 0.0 if summary.exact else _chance(summary, differ, digits)
+            if chance < _UNLIKELY:
                 raise every[0][label][0].wrong(role_name("repeat"), "totals", f"a press, but {has}; delete its rows")
-            said = said or f" The repeat {label} is counted as a press, but {has}: delete its rows if it is none."
+            if chance < 1:
+                said = said or f" The repeat {label} is counted as a press, but {has}: delete its rows if it is none."
     return said
 
 
 class _Summary(NamedTuple):
-    """What presses are together, and whether no press has it by chance; `whole`: as a whole number."""
+    """What presses are together; `exact`: no press has it by chance, unless it is rounded to a whole number."""
 
     of: Callable[[list[float]], float]
-    never_by_chance: bool = False
-    whole: bool = False
+    exact: bool = False
+
+
+class _HalfDigit(NamedTuple):
+    """Half of the last digit of a repeat's values, in the program's unit, and whether all are whole numbers."""
+
+    half: float
+    whole: bool
 
 
 _SUMMARIES_OF = {
-    "mean": _Summary(lambda others: float(np.mean(others)), never_by_chance=True),
-    "sum": _Summary(sum, never_by_chance=True),
-    "rounded mean": _Summary(lambda others: float(np.mean(others)), whole=True),
+    "mean": _Summary(lambda others: float(np.mean(others)), exact=True),
+    "sum": _Summary(sum, exact=True),
+    "rounded mean": _Summary(lambda others: float(np.mean(others))),
     "median": _Summary(lambda others: float(np.median(others))),
     "minimum": _Summary(min),
     "maximum": _Summary(max),
@@ -270,28 +348,32 @@ def _others(some: _Presses, label: str) -> list[tuple[Row, float]]:
     return [pair for other, pair in some.items() if other != label]
 
 
-def _has(summary: _Summary, some: _Presses, label: str, name: str) -> bool:
-    """Return whether a repeat has what the others at its position are together, as exactly as it is written."""
-    row, mine = some[label]
+def _has(summary: _Summary, some: _Presses, label: str, half_digits: Mapping[str, _HalfDigit]) -> bool:
+    """Return whether a repeat has what the others at its position are together, as exactly as its values are."""
+    _, mine = some[label]
     others = [value for _, value in _others(some, label)]
-    rounded = _half_a_digit(row, name, whole=summary.whole)
-    return abs(summary.of(others) - mine) <= max(_ROUNDED * max(others), rounded)
+    half, whole = half_digits[label]
+    return abs(summary.of(others) - mine) <= max(_ROUNDED * max(others), 0.0 if summary.exact and whole else half)
 
 
-def _chance(summary: _Summary, positions: Sequence[_Presses], name: str) -> float:
+def _chance(summary: _Summary, positions: Sequence[_Presses], half_digits: Mapping[str, _HalfDigit]) -> float:
     """Return how probable it is at most that some repeat has it everywhere, if all repeats are alike."""
-    shares = [np.mean([_has(summary, some, label, name) for label in some]) for some in positions]
+    shares = [np.mean([_has(summary, some, label, half_digits) for label in some]) for some in positions]
     return float(np.prod(shares)) * max(map(len, positions))
 
 
-def _half_a_digit(row: Row, name: str, *, whole: bool = False) -> float:
-    """Return by how much a number may be rounded, in the program's unit; 0 for a whole one unless `whole`."""
-    decimals = len(row.cells[name].partition(".")[2])
-    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals or whole else 0.0
+def _half_digits(rows: list[tuple[Row, float]], name: str) -> dict[str, _HalfDigit]:
+    """Return by how much the values of each repeat may be rounded; 39.0 is as exact as 39."""
+    digits: dict[str, int] = {}
+    for row, _ in rows:
+        repeat = row.cells.get(role_name("repeat"), "")
+        digits[repeat] = max(digits.get(repeat, 0), _decimals(row, name))
+    factor = rows[0][0].columns[name].factor if rows else 1.0
+    return {repeat: _HalfDigit(0.51 * 10.0**-most * factor, most == 0) for repeat, most in digits.items()}
 
 
 _FEWEST_OTHERS, _FEWEST_TOTALS = 2, 4  # three presses of few spikes may be one another's mean by chance
-_UNLIKELY = 0.1
+_UNLIKELY = 0.05
 _ROUNDED = 1e-3  # of a mean in a table
 _NEAR_MM = 0.01  # closer positions may be one, read from a stage
 

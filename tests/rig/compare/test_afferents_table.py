@@ -163,6 +163,8 @@ BAD = {
     "A8,bar:3,,c.csv": "'A8' is no name of an afferent, or the same as 'a8'",
     "a12,bar:3,n/a,b.csv": "column depth_mm: 'n/a' must be a number of 0 or more",
     "mean,bar:3,,c.csv": "'mean' is no name of an afferent;",
+    "Population,bar:3,,c.csv": "'Population' is no name of an afferent;",
+    "grand average,bar:3,,c.csv": "'grand average' is no name of an afferent;",
     "a8,bar:3,,c.csv": "afferent a8 already has a recording of bar:3;",
 }
 
