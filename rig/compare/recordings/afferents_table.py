@@ -16,13 +16,13 @@ from rig.compare.recordings.number_cells import label_key, number_format
 from rig.compare.recordings.reading import (
     Reading,
     are_copies,
-    is_summary,
     of_one_afferent,
     read_recording,
     refuse_unused_columns,
     to_mirror,
 )
 from rig.compare.recordings.recording import Recording, shape_key
+from rig.compare.recordings.summary_labels import is_summary
 from rig.compare.recordings.table_cells import refuse_not_understood, table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run

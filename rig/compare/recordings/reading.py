@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -40,6 +39,7 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.summary_labels import is_summary, refuse_summary_labels
 from rig.compare.recordings.table_cells import SameInAllRows, file_and_sheet
 from rig.data import Run
 from rig_shared.user_files import sha256_of
@@ -130,7 +130,7 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     seen: dict[tuple[float, str | float], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
     repeats = [row.cells.get(repeat, "") for row in rows]
-    _refuse_labels(rows)
+    refuse_summary_labels(rows)
     if any(repeats):
         _refuse_summaries(rows, repeats)
     for row, said in zip(rows, repeats, strict=True):
@@ -187,43 +187,6 @@ def _named_repeats(rows: Sequence[Row]) -> str:
 
 
 _MOST_LISTED = 20
-_SUMMARIES = (
-    "all", "overall", "sd", "std", "se", "sem", "min", "max", "minimum", "maximum", "var", "count", "range", "ci",
-    "cv", "iqr",
-)  # fmt: skip
-_LEVELS = {"all", "min", "max", "minimum", "maximum"}
-"""Words that may be those of conditions."""
-_NO_WORD = re.compile(r"[^\w%=.]+|_")
-_SUMMARY_WORD = re.compile(
-    r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"
-    r"|moyennes?|sommes?|promedio|media|suma|somma|totale|variances?|varianz|std ?dev|std|sem"
-    r"|standard (?:deviation|error)|quantiles?|percentiles?|quartiles?|confidence|populations?|grand)(?![^\W\d_])"
-    r"|\bn\s*=\s*\d|\b\d+(?:\.\d+)?\s*%"
-)
-
-
-def is_summary(label: str) -> bool:
-    """Return whether the label of a repeat is that of a row of sums, means and the like, such as "mean (n=2)"."""
-    return label.casefold() in _SUMMARIES or _SUMMARY_WORD.search(label.casefold()) is not None
-
-
-def _refuse_labels(rows: Sequence[Row]) -> None:
-    """Refuse a row that a column which is not read calls a sum, a mean and the like, as an index of pandas does."""
-    for name in rows[0].unread if rows else ():
-        labels = [" ".join(_NO_WORD.sub(" ", row.unread[name].casefold()).split()) for row in rows]
-        found = [n for n, label in enumerate(labels) if label and all(map(_is_summary_word, label.split()))]
-        if len(found) == len(rows) or {labels[n] for n in found} <= _LEVELS:
-            continue
-        row = rows[found[0]]
-        raise RecordingError(
-            f"{row.path}, row {row.row}, column {name or 'without a name'}: {row.unread[name]!r} must be the label "
-            "of a press; delete rows with sums, means and the like",
-            "totals",
-        )
-
-
-def _is_summary_word(word: str) -> bool:
-    return word in _SUMMARIES or _SUMMARY_WORD.fullmatch(word) is not None
 
 
 def _is_number(label: str) -> bool:

@@ -42,6 +42,7 @@ from rig.compare.recordings.spike_times import (
     union,
     without,
 )
+from rig.compare.recordings.summary_labels import refuse_summary_labels
 from rig.compare.recordings.sync_pulses import (
     ALL_UNSEEN,
     NO_GAPS,
@@ -344,6 +345,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         )
     given = {name: column for name, column in columns.by_name.items() if name != role_name("sync")}
     rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=given, hint=COLUMNS_HINT)
+    refuse_summary_labels(rows)
     if not stated:
         _refuse_pulses_beside(path, rows)
     of_file, of_unit = ({kind: list[float]() for kind in _KINDS} for _ in range(2))
