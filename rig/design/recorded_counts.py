@@ -95,6 +95,7 @@ def read_counts(path: Path, presses: Sequence[PossiblePress], hold_s: float) -> 
         raise no_rows(path, "a count")
     refuse_nines(rows, "count")
     _refuse_a_copy(rows, found)
+    _refuse_a_sum(rows, found)
     return found
 
 
@@ -108,6 +109,16 @@ def _refuse_a_copy(rows: Sequence[Row], found: Sequence[CountedPress]) -> None:
                 "place_twice",
                 f"that of another press: from this row on, the table has its rows from row {rows[0].row} on again; "
                 "delete the copy",
+            )
+
+
+def _refuse_a_sum(rows: Sequence[Row], found: Sequence[CountedPress]) -> None:
+    """Refuse a first or last row whose count is the sum of all others."""
+    spikes = [one.spikes for one in found]
+    for at, others in ((-1, spikes[:-1]), (0, spikes[1:])):
+        if spikes[at] == sum(others) and len(set(others) - {0.0}) >= _FEWEST_COUNTS:
+            raise rows[at].wrong(
+                "count", "totals", "that of a press, but it is the sum of all others; delete the row"
             )
 
 
