@@ -95,7 +95,7 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     refuse_rejecting(path, line, names, columns)
     rows = tuple(row for _, row in read_numbered(path, columns))
     if text := unread_text(names, columns):
-        _name_once(f"{path}: {text}")
+        warn_once(f"{path}: {text}")
     return rows
 
 
@@ -107,7 +107,7 @@ def unread_text(names: Sequence[str], columns: Sequence[str]) -> str:
 
 
 @cache
-def _name_once(text: str) -> None:
+def warn_once(text: str) -> None:
     """Log a warning once in a process, which may read a table several times."""
     _log.warning(text)
 

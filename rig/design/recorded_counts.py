@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
-from rig.compare.recordings.columns import no_rows, read_table
+from rig.compare.recordings.columns import Row, no_rows, read_table, refuse_nines
 from rig.design.counts import TEN_MINUTES_S, CountModel
 from rig.design.fibers import FiberDraws, draw_fibers, log_rates, relative_rates
 from rig.design.posterior import CandidatePosterior, in_set
@@ -69,7 +69,8 @@ def read_counts(path: Path, presses: Sequence[PossiblePress], hold_s: float) -> 
     targets = sorted({round(one.target, _DECIMALS) for one in presses})
     option = "--depths-mm" if kind == "doi_mm" else "--forces-gwt"
     found = []
-    for row in read_table(path, columns, ("window_s",)):
+    rows = read_table(path, columns, ("window_s",))
+    for row in rows:
         x_mm, target, count = row.number("x_mm"), row.number(kind), row.number("count", 0.0)
         if count != round(count):
             raise row.wrong("count", "no_whole_number", "a whole number of spikes")
@@ -92,7 +93,36 @@ def read_counts(path: Path, presses: Sequence[PossiblePress], hold_s: float) -> 
         found.append(CountedPress(number[at], count))
     if not found:
         raise no_rows(path, "a count")
+    refuse_nines(rows, "count")
+    _refuse_a_copy(rows, found)
+    _refuse_a_sum(rows, found)
     return found
+
+
+def _refuse_a_copy(rows: Sequence[Row], found: Sequence[CountedPress]) -> None:
+    """Refuse a table whose rows are those above again, in their order, as if it was appended to itself."""
+    for period in range(_FEWEST_COUNTS, len(found) - _FEWEST_COUNTS + 1):
+        again = found[period:]
+        if again == found[:-period] and len({one.spikes for one in again} - {0.0}) >= _FEWEST_COUNTS:
+            raise rows[period].wrong(
+                "count",
+                "place_twice",
+                f"that of another press: from this row on, the table has its rows from row {rows[0].row} on again; "
+                "delete the copy",
+            )
+
+
+def _refuse_a_sum(rows: Sequence[Row], found: Sequence[CountedPress]) -> None:
+    """Refuse a first or last row whose count is the sum of all others."""
+    spikes = [one.spikes for one in found]
+    for at, others in ((-1, spikes[:-1]), (0, spikes[1:])):
+        if spikes[at] == sum(others) and len(set(others) - {0.0}) >= _FEWEST_COUNTS:
+            raise rows[at].wrong(
+                "count", "totals", "that of a press, but it is the sum of all others; delete the row"
+            )
+
+
+_FEWEST_COUNTS = 3  # that differ and are above 0: a silent fiber gives the same rows again
 
 
 def _in_words(possible: Sequence[float]) -> str:

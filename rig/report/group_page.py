@@ -28,7 +28,6 @@ from rig.report.style import as_limits, as_number
 from rig_shared.plural import number_of
 
 _WIDE_IN, _ROW_IN, _AROUND_IN = 9.0, 0.24, 1.9
-_MOST_ROWS = 18
 _LEAST, _MOST = 0.5, 100.0  # differences of log-likelihoods between which colors are told apart
 _MEASURES = (
     "candidate", "probability", "log-likelihood below the best", "wins", "in the set of", "gain [95 %]",
@@ -163,9 +162,9 @@ def _provenance(page: GroupPage) -> Section:
 
 def log_likelihoods(verdict: GroupVerdict) -> Plot:
     """Plot how far the log-likelihood of each afferent under each measure is below the best one."""
-    rows = verdict.rows[:_MOST_ROWS]
+    rows = verdict.rows
     below = np.array([row.by_afferent for row in rows])
-    below = below - np.array([row.by_afferent for row in verdict.rows]).min(axis=0)
+    below = below - below.min(axis=0)
     image = Series("imshow", np.clip(below.T, _LEAST, _MOST), norm=LogNorm(_LEAST, _MOST), cmap="cividis_r",
                    aspect="auto", rows=rows_of("group", "below the best"))  # fmt: skip
     panel = Subplot(

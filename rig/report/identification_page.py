@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
 from rig.report.page_parts import Section, alone, render
-from rig.report.plot import PAGE_IN, Plot, Series, Subplot, in_grid, rows_of
+from rig.report.plot import PAGE_IN, PHONE_IN, Plot, Series, Subplot, in_grid, rows_of
 from rig.report.style import BLUE, GREY, ORANGE, as_number, signed
 from rig.report.title_lines import title_lines
 from rig.units import unit_of_key
@@ -142,7 +142,7 @@ def force_band(bands: Sequence[ForceBand], message: str = "") -> Plot:
         axes.set_xlim(0, None)
 
     return Plot(
-        (5.6, 0.8 + 0.4 * len(bands)),
+        (PHONE_IN, 0.8 + 0.4 * len(bands)),
         [Subplot("force (gwt)", "", series, printed="x", y_names=[one.press for one in bands])],
         "The force band",
         f"Blue: the {100 * COVERAGE:.0f} % band of the force that the identified finger predicts, and its middle. "

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 PAGE_IN = (10.9, 6.3)
 """Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
 down."""
+PHONE_IN = 4.0
+"""Width (in) of a figure that fits a window of 420 pixels, at 96 in an inch."""
 PNG_DOTS_PER_INCH = 200  # also used to measure text, whose widths are rounded at coarser resolutions
 _IMAGES_DOTS_PER_INCH = 100
 """Resolution of the raster parts of an SVG (dpi)."""

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from sim.config import Geometry
 from sim.errors import SimError
+from sim.tables import warn_once
 
 # --- section ---
 #
@@ -148,6 +149,9 @@ def _distances(xy: Array, parameters: Array, ratio: float) -> tuple[Array, Array
 _TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, the skin ends or is steep
 _BESIDE_MM = 1e-6
 _RIDGE_STEP_MM = 0.02
+FAR_MM = 0.5
+"""Distance (mm) from the fitted skin beyond which a point is named; the largest of the published ones is 0.03."""
+_MOST_NAMED = 3
 
 
 class SurfaceError(SimError, ValueError):
@@ -197,6 +201,7 @@ class FingertipSurface:
             surface = cls(geometry, make_interp_spline(z_mm, np.stack(parameters, -1), 3))
         else:
             surface = cls(geometry, fit_curves(geometry, _points(geometry)))
+        _name_far_points(surface)
         _refuse_unusable(surface)
         return surface
 
@@ -309,6 +314,22 @@ def _largest(y: Array) -> Array:
     inner = (k > 0) & (k < y.shape[1] - 1) & np.isfinite(left) & np.isfinite(right) & (left + right < 2 * mid)
     left, right = np.where(inner, left, mid - 1.0), np.where(inner, right, mid - 1.0)
     return np.asarray(mid + (left - right) ** 2 / (8 * (2 * mid - left - right)))
+
+
+def _name_far_points(surface: FingertipSurface) -> None:
+    """Warn of points of the user that are far from the skin: an outlier, or a row of means."""
+    residuals_mm = surface.residuals_mm() if surface.geometry.points else np.zeros(0)
+    far = [n for n in np.argsort(-residuals_mm).tolist() if residuals_mm[n] > FAR_MM]
+    if far:
+        named = ", ".join(
+            f"{n + 1} at ({', '.join(f'{value:g}' for value in surface.points_mm[n])}) mm" for n in far[:_MOST_NAMED]
+        )
+        lie = "point {} lies" if len(far) == 1 else "points {} lie"
+        more = f" and {len(far) - _MOST_NAMED} more" * (len(far) > _MOST_NAMED)
+        warn_once(
+            f"finger.geometry.points: {lie.format(named + more)} more than {FAR_MM:g} mm from the skin that is "
+            "fitted to all; remove what is no point of the skin, such as a mean"
+        )
 
 
 def _refuse_unusable(surface: FingertipSurface) -> None:

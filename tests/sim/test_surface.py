@@ -107,3 +107,23 @@ def test_points_of_a_user_are_fitted_instead_of_the_published_ones(skin: Fingert
     lifted = FingertipSurface.fit(Geometry(points=xyz.tolist()))
     assert lifted.residuals_mm().max() < 0.06
     assert float(lifted.ridge(0.0) - skin.ridge(0.0)) == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("row", "named"),
+    [
+        ((0.0, 6.0, 7.0), "point 25 at (0, 6, 7) mm"),
+        ("mean", "point 25 at ("),
+        (None, ""),
+    ],
+    ids=["an outlier", "a row of means", "only points of the skin"],
+)
+def test_a_point_far_from_the_skin_is_named(
+    row: tuple[float, ...] | str | None, named: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    points = [tuple(point) for point in published_points()[1].tolist()]
+    points += [tuple(np.mean(points, axis=0).tolist())] if row == "mean" else [row] * (row is not None)
+    FingertipSurface.fit(Geometry(points=tuple(points)))
+    messages = [record.getMessage() for record in caplog.records]
+    assert len(messages) == bool(named)
+    assert all(named in one and "more than 0.5 mm from the skin" in one for one in messages)

@@ -4,7 +4,7 @@ Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; file
 folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,14 +15,14 @@ from rig.compare.recordings.columns import LEAVE_EMPTY, Row, check_header, colum
 from rig.compare.recordings.number_cells import label_key, number_format
 from rig.compare.recordings.reading import (
     Reading,
-    is_summary,
+    are_copies,
     of_one_afferent,
     read_recording,
     refuse_unused_columns,
-    signs_of_a_copy,
     to_mirror,
 )
 from rig.compare.recordings.recording import Recording, shape_key
+from rig.compare.recordings.summary_labels import is_summary
 from rig.compare.recordings.table_cells import refuse_not_understood, table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
@@ -66,7 +66,7 @@ def read_afferents(
     table = path / _TABLE if path.is_dir() and (path / _TABLE).is_file() else path
     named, wrong = _in_folder(path) if table.is_dir() else _in_table(table)
     found: Recordings = {}
-    seen: dict[Hashable, _Named] = {}
+    seen: list[tuple[_Named, Recording]] = []
     for one in named:
         try:
             key, own = str(shape_key(one.shape)), _own(reading, one)
@@ -112,7 +112,7 @@ def _refuse(
     key: str,
     recording: Recording,
     found: Recordings,
-    seen: dict[Hashable, _Named],
+    seen: list[tuple[_Named, Recording]],
     stimuli: Sequence[StimulusRow],
 ) -> None:
     """Refuse a shape that the runs do not have, a recording or copy that is named twice, and an unclear name."""
@@ -136,19 +136,20 @@ def _refuse(
         raise RecordingError(
             f"afferent {one.afferent} already has a recording of {key}; name it once", "recorded_twice"
         )
-    for sign in signs_of_a_copy(recording, one.file):
-        same = seen.setdefault((sign, "" if recording.spikes is None else key), one)
-        if same is not one:
+    for same, other in seen:
+        of_one_unit = one.afferent == same.afferent and recording.spikes is not None  # its file has several stimuli
+        if not of_one_unit and are_copies(recording, one.file, other, same.file):
             copy = (
                 ""
                 if Path(one.file).resolve() == Path(same.file).resolve()
-                else ", in a file with the same rates or spikes"
+                else ", in a file, or as a unit, with the same rates or spikes"
             )
             raise RecordingError(
                 f"{one.file} is the recording of {same.shape} of afferent {same.afferent} already "
                 f"({same.where}){copy}",
                 "file_twice",
             )
+    seen.append((one, recording))
 
 
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:

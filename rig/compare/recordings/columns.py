@@ -286,6 +286,30 @@ class Row:
         return RecordingError(f"{where}: {self.cells[column]!r} must be {expected}", code)
 
 
+def refuse_nines(rows: Sequence[Row], *names: str) -> None:
+    """Refuse a number such as 999 that is far from all others of its column, as it means that there is no value."""
+    for name in names:
+        values = [row.number(name) for row in rows]
+        nines = _NINES if dimension_of(name) is LENGTH else _MORE_NINES
+        first = dict(zip(reversed(values), reversed(rows), strict=True))
+        for value, row in first.items():
+            if not nines.fullmatch(f"{abs(value / row.columns[name].factor):.12g}"):
+                continue
+            others = {abs(other) for other in first if other != value}
+            if others and abs(value) > _FAR_FROM * max(others):
+                largest = f"{max(others) / row.columns[name].factor:.6g}"
+                raise row.wrong(
+                    name,
+                    "no_number",
+                    f"a measured number: no other is beyond {largest}, and many tables have such a number for no "
+                    "data; delete the row, or correct it",
+                )
+
+
+_NINES, _MORE_NINES = re.compile(r"9{2,}(\.9+)?"), re.compile(r"9{3,}(\.9+)?")
+_FAR_FROM = 3.0
+
+
 def _is_unit_of(unit: str, name: str, column: RecordingColumn) -> bool:
     """Return whether a unit is that of a column."""
     same_kind = is_own_unit(unit) == is_own_unit(column.unit)

@@ -2,14 +2,15 @@
 
 import hashlib
 import math
-import re
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from decimal import Decimal
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit, same_name
@@ -22,6 +23,7 @@ from rig.compare.recordings.columns import (
     header_of,
     no_rows,
     read_table,
+    refuse_nines,
     role_name,
     stated_unit,
 )
@@ -37,6 +39,7 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.summary_labels import is_summary, refuse_summary_labels
 from rig.compare.recordings.table_cells import SameInAllRows, file_and_sheet
 from rig.data import Run
 from rig_shared.user_files import sha256_of
@@ -51,6 +54,7 @@ from sim.contact.shapes import shape_name
 _MOST_SIGNS = 20
 """Maximum number of equals signs in a shape, or of # before a unit, at which a name is split."""
 
+Array = NDArray[np.float64]
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
 RATES: Roles = (("position", "rate"), ("sd", "repeat"))
@@ -73,6 +77,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     rows = read_table(path, *names, given=columns.by_name, hint=COLUMNS_HINT)
     placed = list(_placed(rows))
     found = _counts(path, placed, columns) if counted else _rates(path, placed)
+    refuse_nines([row for row, _ in placed], "count" if counted else "rate", role_name("position"))
     _refuse_totals(placed, "count" if counted else "rate")
     by_chance = _refuse_a_repeat_of_totals(placed, "count" if counted else "rate")
     changes = tuple(
@@ -125,6 +130,7 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     seen: dict[tuple[float, str | float], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
     repeats = [row.cells.get(repeat, "") for row in rows]
+    refuse_summary_labels(rows)
     if any(repeats):
         _refuse_summaries(rows, repeats)
     for row, said in zip(rows, repeats, strict=True):
@@ -160,6 +166,7 @@ def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
         (lambda said: said != "" and not is_summary(said), "the number or name of a press at this position")
     ]
     rules += [(_is_number, "a number, as others are")] if any(map(_is_number, repeats)) else []
+    rules += [(_is_no_fraction, "a whole number, as others are")] if any(map(_is_whole, repeats)) else []
     rules += [(_has_digit, "a name with a number, as others are")] if any(map(_has_digit, repeats)) else []
     for fits, expected in rules:
         for row, said in zip(rows, repeats, strict=True):
@@ -180,20 +187,19 @@ def _named_repeats(rows: Sequence[Row]) -> str:
 
 
 _MOST_LISTED = 20
-_SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
-_SUMMARY_WORD = re.compile(
-    r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"
-    r"|moyennes?|sommes?|promedio|media|suma|somma|totale)(?![^\W\d_])|\bn\s*=\s*\d"
-)
-
-
-def is_summary(label: str) -> bool:
-    """Return whether the label of a repeat is that of a row of sums, means and the like, such as "mean (n=2)"."""
-    return label.casefold() in _SUMMARIES or _SUMMARY_WORD.search(label.casefold()) is not None
 
 
 def _is_number(label: str) -> bool:
     return isinstance(label_key(label), float)
+
+
+def _is_whole(label: str) -> bool:
+    key = label_key(label)
+    return isinstance(key, float) and key.is_integer()
+
+
+def _is_no_fraction(label: str) -> bool:
+    return _is_whole(label) or not _is_number(label)
 
 
 def _has_digit(text: str) -> bool:
@@ -201,21 +207,52 @@ def _has_digit(text: str) -> bool:
 
 
 def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
-    """Refuse a last row whose numbers are all the sums, or all the means, of those above."""
-    columns = [[row.number(name) for row, _ in rows], [place for _, place in rows]]
+    """Refuse one of the first or last rows whose numbers are all the sums, means and the like of the other rows."""
+    columns = [name, role_name("position")]
     repeats = [row.format.number(row.cells.get(role_name("repeat"), "")) for row, _ in rows]
-    columns += [] if any(map(math.isnan, repeats)) else [repeats]
-    if len(rows) <= _FEWEST_RATES or np.ptp(columns[0][:-1]) == 0:
-        return
-    for words, of in (("sums", np.sum), ("means", np.mean)):
-        near = (abs(of(one[:-1]) - one[-1]) <= _ROUNDED * np.abs(one[:-1]).max() for one in columns)
-        if all(near):
-            raise rows[-1][0].wrong(
-                name,
-                "totals",
-                f"a press, but this last row has the {words} of the rows above; delete it, or, if it is a press, "
-                "move it up",
-            )
+    values = np.array([[row.number(name), place, repeat] for (row, place), repeat in zip(rows, repeats, strict=True)])
+    columns += [] if any(map(math.isnan, repeats)) else [role_name("repeat")]
+    for beside in range(1, min(_MOST_TOTALS, len(rows) - _FEWEST_RATES) + 1):
+        for block, others in ((slice(-beside, None), slice(-beside)), (slice(beside), slice(beside, None))):
+            table = values[others, : len(columns)]
+            if np.ptp(table[:, 0]) == 0:
+                continue
+            at = block.indices(len(rows))[0]
+            tolerances = [[_half_a_digit(row, column) for column in columns] for row, _ in rows[block]]
+            tolerance = np.maximum(_ROUNDED * np.abs(table).max(axis=0), tolerances)
+            for words, of in _TOTALS.items():
+                near = (np.abs(values[block, : len(columns)] - of(table)) <= tolerance).all(axis=1)
+                if near.any():
+                    where = "above" if at else "below"
+                    raise rows[at + int(near.argmax())][0].wrong(
+                        name,
+                        "totals",
+                        f"a press, but this row has the {words} of the rows {where}; delete it, or, if it is a "
+                        "press, move it into the middle",
+                    )
+
+
+def _half_a_digit(row: Row, name: str) -> float:
+    """Return by how much a number may be rounded, in the program's unit; 0 for a whole one."""
+    decimals = _decimals(row, name)
+    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals else 0.0
+
+
+def _decimals(row: Row, name: str) -> int:
+    """Return the number of decimals of a cell's value: none of 39.0."""
+    in_file = row.number(name) / row.columns[name].factor
+    return max(0, -int(Decimal(f"{in_file:.12g}").normalize().as_tuple().exponent))
+
+
+_TOTALS: Mapping[str, Callable[[Array], Array]] = {
+    "sums": lambda table: table.sum(axis=0),
+    "means": lambda table: table.mean(axis=0),
+    "sds": lambda table: table.std(axis=0, ddof=1),
+    "sds (of n)": lambda table: table.std(axis=0),
+    "standard errors": lambda table: table.std(axis=0, ddof=1) / math.sqrt(len(table)),
+    "variances": lambda table: table.var(axis=0, ddof=1),
+}
+_MOST_TOTALS = 8  # rows that pandas' describe() gives
 
 
 def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
@@ -227,33 +264,39 @@ def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
     for row, place in rows:
         at.setdefault(place, {})[row.cells.get(role_name("repeat"), "")] = row, row.number(name)
     every = [some for some in at.values() if len(some) > _FEWEST_OTHERS]
-    said = ""
+    said, digits = "", _half_digits(rows, name)
     for label in every[0] if every else ():
         differ = [some for some in every if label in some and len({value for _, value in _others(some, label)}) > 1]
         for word, summary in _SUMMARIES_OF.items():
-            rounded = not summary.whole or not any("." in some[label][0].cells[name] for some in differ)
-            everywhere = rounded and all(_has(summary, some, label, name) for some in differ)
-            if len(differ) < _FEWEST_TOTALS or not everywhere:
+            if len(differ) < _FEWEST_TOTALS or not all(_has(summary, some, label, digits) for some in differ):
                 continue
             has = f"it has the {word} of the other repeats at each of {len(differ)} positions"
-            if summary.never_by_chance or _chance(summary, differ, name) < _UNLIKELY:
+            chance = 0.0 if summary.exact else _chance(summary, differ, digits)
+            if chance < _UNLIKELY:
                 raise every[0][label][0].wrong(role_name("repeat"), "totals", f"a press, but {has}; delete its rows")
-            said = said or f" The repeat {label} is counted as a press, but {has}: delete its rows if it is none."
+            if chance < 1:
+                said = said or f" The repeat {label} is counted as a press, but {has}: delete its rows if it is none."
     return said
 
 
 class _Summary(NamedTuple):
-    """What presses are together, and whether no press has it by chance; `whole`: as a whole number."""
+    """What presses are together; `exact`: no press has it by chance, unless it is rounded to a whole number."""
 
     of: Callable[[list[float]], float]
-    never_by_chance: bool = False
-    whole: bool = False
+    exact: bool = False
+
+
+class _HalfDigit(NamedTuple):
+    """Half of the last digit of a repeat's values, in the program's unit, and whether all are whole numbers."""
+
+    half: float
+    whole: bool
 
 
 _SUMMARIES_OF = {
-    "mean": _Summary(lambda others: float(np.mean(others)), never_by_chance=True),
-    "sum": _Summary(sum, never_by_chance=True),
-    "rounded mean": _Summary(lambda others: float(np.mean(others)), whole=True),
+    "mean": _Summary(lambda others: float(np.mean(others)), exact=True),
+    "sum": _Summary(sum, exact=True),
+    "rounded mean": _Summary(lambda others: float(np.mean(others))),
     "median": _Summary(lambda others: float(np.median(others))),
     "minimum": _Summary(min),
     "maximum": _Summary(max),
@@ -268,28 +311,32 @@ def _others(some: _Presses, label: str) -> list[tuple[Row, float]]:
     return [pair for other, pair in some.items() if other != label]
 
 
-def _has(summary: _Summary, some: _Presses, label: str, name: str) -> bool:
-    """Return whether a repeat has what the others at its position are together, as exactly as it is written."""
-    row, mine = some[label]
+def _has(summary: _Summary, some: _Presses, label: str, half_digits: Mapping[str, _HalfDigit]) -> bool:
+    """Return whether a repeat has what the others at its position are together, as exactly as its values are."""
+    _, mine = some[label]
     others = [value for _, value in _others(some, label)]
-    rounded = _half_a_digit(row, name, whole=summary.whole)
-    return abs(summary.of(others) - mine) <= max(_ROUNDED * max(others), rounded)
+    half, whole = half_digits[label]
+    return abs(summary.of(others) - mine) <= max(_ROUNDED * max(others), 0.0 if summary.exact and whole else half)
 
 
-def _chance(summary: _Summary, positions: Sequence[_Presses], name: str) -> float:
+def _chance(summary: _Summary, positions: Sequence[_Presses], half_digits: Mapping[str, _HalfDigit]) -> float:
     """Return how probable it is at most that some repeat has it everywhere, if all repeats are alike."""
-    shares = [np.mean([_has(summary, some, label, name) for label in some]) for some in positions]
+    shares = [np.mean([_has(summary, some, label, half_digits) for label in some]) for some in positions]
     return float(np.prod(shares)) * max(map(len, positions))
 
 
-def _half_a_digit(row: Row, name: str, *, whole: bool = False) -> float:
-    """Return by how much a number may be rounded, in the program's unit; 0 for a whole one unless `whole`."""
-    decimals = len(row.cells[name].partition(".")[2])
-    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals or whole else 0.0
+def _half_digits(rows: list[tuple[Row, float]], name: str) -> dict[str, _HalfDigit]:
+    """Return by how much the values of each repeat may be rounded; 39.0 is as exact as 39."""
+    digits: dict[str, int] = {}
+    for row, _ in rows:
+        repeat = row.cells.get(role_name("repeat"), "")
+        digits[repeat] = max(digits.get(repeat, 0), _decimals(row, name))
+    factor = rows[0][0].columns[name].factor if rows else 1.0
+    return {repeat: _HalfDigit(0.51 * 10.0**-most * factor, most == 0) for repeat, most in digits.items()}
 
 
 _FEWEST_OTHERS, _FEWEST_TOTALS = 2, 4  # three presses of few spikes may be one another's mean by chance
-_UNLIKELY = 0.1
+_UNLIKELY = 0.05
 _ROUNDED = 1e-3  # of a mean in a table
 _NEAR_MM = 0.01  # closer positions may be one, read from a stage
 
@@ -453,20 +500,48 @@ def of_one_afferent(found: Mapping[str, Recording]) -> dict[str, Recording]:
     }
 
 
-def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:
-    """Return what two recordings have in common only if one is a copy: their file and sheet, and the same rates.
+def are_copies(found: Recording, file: str, other: Recording, other_file: str) -> bool:
+    """Return whether two recordings are one: of one file and unit or sheet, or with the same spikes or rates.
 
-    Spike times have all presses of a run, so their file may be named for several stimuli. Rates are compared if at
-    least three of them differ and are above 0: two stimuli may leave an afferent silent.
+    Spike times have all presses of a run, so their file may be named for several stimuli.
     """
-    if found.spikes is not None:
-        return [(found.sha256, unit_of(file))]
-    sheet = file_and_sheet(Path(file))[1]
-    rates = tuple(tuple(sorted(some.tolist())) for some in found.repeats)
-    tell = len({rate for some in rates for rate in some} - {0.0}) >= _FEWEST_RATES
-    return [(found.sha256, sheet)] + [(tuple(found.position_mm.tolist()), rates)] * tell
+    if found.sha256 == other.sha256 and _part_of(found, file) == _part_of(other, other_file):
+        return True
+    if found.spikes is not None and other.spikes is not None:
+        return _are_same_spikes(found.spikes.spike_s, other.spikes.spike_s)
+    return _are_same_rates(found, other)
 
 
+def _part_of(found: Recording, file: str) -> str:
+    return unit_of(file) if found.spikes is not None else file_and_sheet(Path(file))[1]
+
+
+def _are_same_spikes(spike_s: Array, other_s: Array) -> bool:
+    """Return whether nearly all spikes of one unit are those of the other, which may be cut shorter or rounded."""
+    few, many = sorted((spike_s, other_s), key=len)
+    if not len(few) or (len(few) < _FEWEST_SPIKES and len(few) != len(many)):
+        return False
+    after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
+    apart_s = np.minimum(np.abs(many[after - 1] - few), np.abs(many[np.minimum(after, len(many) - 1)] - few))
+    return float(np.mean(apart_s <= _SAME_SPIKE_S)) >= _MOST_OF_SPIKES
+
+
+def _are_same_rates(found: Recording, other: Recording) -> bool:
+    """Return whether the rates of all presses are the same, as exactly as a table may have them.
+
+    They are compared if at least three of them differ and are above 0: two stimuli may leave an afferent silent.
+    """
+    pairs = list(zip(found.repeats, other.repeats, strict=False))
+    tell = len({rate for some in found.repeats for rate in some.tolist()} - {0.0}) >= _FEWEST_RATES
+    return (
+        tell
+        and np.array_equal(found.position_mm, other.position_mm)
+        and all(len(some) == len(others) for some, others in pairs)
+        and all(np.allclose(np.sort(some), np.sort(others), rtol=_ROUNDED, atol=0.0) for some, others in pairs)
+    )
+
+
+_FEWEST_SPIKES, _SAME_SPIKE_S, _MOST_OF_SPIKES = 10, 5e-4, 0.9
 _FEWEST_RATES = 3
 
 
@@ -484,17 +559,14 @@ def _refuse_several_units(found: Mapping[str, Recording]) -> None:
 
 def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, str]) -> None:
     """Refuse a table that is the recording of two stimuli: it would count twice."""
-    seen: dict[Hashable, ShapeKey] = {}
-    for key, one in found.items():
-        signs = signs_of_a_copy(one, files[key]) if one.spikes is None else []
-        for other in (seen.setdefault(sign, key) for sign in signs):
-            if other != key:
-                raise RecordingError(
-                    f"--recorded {key}={files[key]}: the recording of {other} already, in {files[other]}, with "
-                    "the same rates; those of one stimulus are not those of another: name a file of its own for "
-                    "each",
-                    "file_twice",
-                )
+    tables = {key: one for key, one in found.items() if one.spikes is None}
+    for other, key in combinations(tables, 2):
+        if are_copies(tables[key], files[key], tables[other], files[other]):
+            raise RecordingError(
+                f"--recorded {key}={files[key]}: the recording of {other} already, in {files[other]}, with the same "
+                "rates; those of one stimulus are not those of another: name a file of its own for each",
+                "file_twice",
+            )
 
 
 def _shape_and_file(text: str) -> tuple[str, str]:

@@ -27,7 +27,8 @@ class FromSpikes:
     """What a recording from spike times was made of.
 
     `lost_mm` are the positions of the presses at which the unit was not observed, of `presses`; `span` says when it
-    was. `shifted` returns the recording as it were if the clock of the file told a later time (s).
+    was. `spike_s` are the spikes in s since the start of the run. `shifted` returns the recording as it were if the
+    clock of the file told a later time (s).
     """
 
     presses: int
@@ -35,6 +36,7 @@ class FromSpikes:
     span: str
     clock: SpikeClock
     notes: tuple[str, ...]
+    spike_s: Array
     shifted: "Callable[[float], Recording]"
 
     def mirrored(self) -> "FromSpikes":

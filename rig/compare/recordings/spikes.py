@@ -42,6 +42,7 @@ from rig.compare.recordings.spike_times import (
     union,
     without,
 )
+from rig.compare.recordings.summary_labels import refuse_summary_labels
 from rig.compare.recordings.sync_pulses import (
     ALL_UNSEEN,
     NO_GAPS,
@@ -207,8 +208,10 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     observed_s = fit.run_s(found.observed_s)
     every_s = np.concatenate([spike_s, fit.run_s(found.pulse_s), fit.run_s(found.file_s)])
     is_open = [bool(some.any()) for some in (np.isneginf(observed_s), np.isposinf(observed_s))]
-    beyond = [bool(_are_inside(observed_s, some).any()) and len(every_s) > 0 for some in fit.unseen_s]
-    gaps = fit.gaps(made)
+    gaps = fit.gaps(made, _are_inside(observed_s, rise_s))
+    is_gap = [bool(some.any()) for some in (np.isneginf(gaps.paused_s), np.isposinf(gaps.paused_s))]
+    beyond = [bool(_are_inside(observed_s, some).any()) and len(every_s) > 0 and not gap
+              for some, gap in zip(fit.unseen_s, is_gap, strict=True)]  # fmt: skip
     contradicted = _contradicted(found.throughout, any(beyond), gaps, observed_s)
     if found.throughout:
         if not any((*is_open, *beyond, len(gaps.paused_s) > 0)):
@@ -216,10 +219,7 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
         beyond, gaps = [False, False], gaps._replace(paused_s=NO_GAPS)
     events_s = float(every_s.min()) if beyond[0] else -np.inf, float(every_s.max()) if beyond[1] else np.inf
     stated = any(one and not left for one, left in zip(beyond, is_open, strict=True)) * (_MORE_THAN_PULSES,)
-    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated, *_unknown_clock(fit.known_s),
-             *contradicted)  # fmt: skip
-    if np.isfinite(fit.known_s).any():
-        observed_s = both(observed_s, np.array([fit.known_s]))
+    every = (*found.notes, *_not_observed(found.spike_s, found.observed_s), *stated, *contradicted)
     observed_s = without(observed_s, np.concatenate(gaps))
     return SpikeTimes(spike_s, observed_s, events_s, fit.clock, every, found.read_as)
 
@@ -234,28 +234,30 @@ def _contradicted(throughout: bool, beyond: bool, gaps: Gaps, observed_s: Array)
                     f"states{where}.")  # fmt: skip
     elif len(gaps.paused_s):
         although = ", although it states that the unit was observed" * stated
-        said.append(f"{_spans_text(gaps.paused_s).capitalize()} of the run, the file has fewer pulses than the run, "
-                    f"as if the recorder had paused{although}: presses there count as not observed.")  # fmt: skip
+        said.append(f"{_capitalized(gaps.paused_s)} of the run, the file has fewer pulses than the run, as if the "
+                    f"recorder had paused{although}: presses there count as not observed. If it recorded there, use "
+                    "--columns observed=throughout.")  # fmt: skip
     if len(gaps.astray_s):
-        said.append(f"{_spans_text(gaps.astray_s).capitalize()} of the run, its pulses and those of the file do not "
-                    "fit one another, as if the clock of the recorder had wandered: presses there count as not "
+        said.append(f"{_capitalized(gaps.astray_s)} of the run, its pulses and those of the file do not fit one "
+                    "another, as if the recorder had lost data or its clock had wandered: presses there count as not "
                     "observed.")  # fmt: skip
     return said
 
 
+def _capitalized(spans_s: Array) -> str:
+    return _spans_text(spans_s).capitalize()
+
+
 def _spans_text(spans_s: Array) -> str:
-    each = [f"between {first:.1f} and {last:.1f} s" for first, last in spans_s[:_FEW_LISTED].tolist()]
+    each = [_span_text(first, last) for first, last in spans_s[:_FEW_LISTED].tolist()]
     more = [f"{len(spans_s) - _FEW_LISTED} more times"] if len(spans_s) > _FEW_LISTED else []
     return joined([*each, *more])
 
 
-def _unknown_clock(known_s: tuple[float, float]) -> list[str]:
-    """Return a sentence on the times at which the pulses do not tell the clock; none if they do throughout."""
-    beyond = [f"{word} {at_s:.1f} s" for word, at_s in zip(("before", "after"), known_s, strict=True)
-              if np.isfinite(at_s)]  # fmt: skip
-    where = " and ".join(beyond).capitalize()
-    return [f"{where} of the run, its pulses and those of the file do not fit one another, as if "
-            "the recorder had lost data: presses there count as not observed."] if beyond else []  # fmt: skip
+def _span_text(first_s: float, last_s: float) -> str:
+    if np.isinf(first_s):
+        return f"before {last_s:.1f} s"
+    return f"after {first_s:.1f} s" if np.isinf(last_s) else f"between {first_s:.1f} and {last_s:.1f} s"
 
 
 def _not_observed(spike_s: Array, observed_s: Array) -> list[str]:
@@ -343,6 +345,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         )
     given = {name: column for name, column in columns.by_name.items() if name != role_name("sync")}
     rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=given, hint=COLUMNS_HINT)
+    refuse_summary_labels(rows)
     if not stated:
         _refuse_pulses_beside(path, rows)
     of_file, of_unit = ({kind: list[float]() for kind in _KINDS} for _ in range(2))
@@ -492,7 +495,8 @@ def rates_in_run(
         return with_enough_positions(Path(name), moved)
 
     notes = (*times.notes, *_differences(run, {hold.press for hold in holds}))
-    about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, notes, shifted)
+    presses, spike_s = len(rows) + len(lost_mm), times.spike_s
+    about = FromSpikes(presses, tuple(lost_mm), times.span, times.clock, notes, spike_s, shifted)
     return replace(recording(name, rows, end - begin), spikes=about, read_as=times.read_as)
 
 

@@ -107,23 +107,10 @@ class _Match(NamedTuple):
         """Return the rises before the first and after the last that has a pulse."""
         return rise_s[: self.rises[0]], rise_s[self.rises[-1] + 1 :]
 
-    def known_s(self, pulse_s: Array, rise_s: Array) -> tuple[float, float]:
-        """Return the times of the run between which the line is its clock.
-
-        Beyond the first or last pair, rises and pulses that do not fit one another are those of another clock, such
-        as that of a recorder that has lost data.
-        """
-        before, after = self.unseen_s(rise_s)
-        begins = len(before) > 0 and self.pulses[0] > 0
-        ends = len(after) > 0 and self.pulses[-1] < len(pulse_s) - 1
-        first_s, last_s = rise_s[[self.rises[0], self.rises[-1]]].tolist()
-        return first_s if begins else -math.inf, last_s if ends else math.inf
-
     def clock_fit(self, pulse_s: Array, rise_s: Array, clock: SpikeClock) -> "ClockFit":
         """Return the clock of the file."""
-        known_s = self.known_s(pulse_s, rise_s)
         others_s = self.slope * np.delete(pulse_s, self.pulses) + self.offset_s
-        return ClockFit(self.slope, self.offset_s, self.unseen_s(rise_s), clock, known_s, self.rises, others_s)
+        return ClockFit(self.slope, self.offset_s, self.unseen_s(rise_s), clock, self.rises, others_s)
 
 
 NO_GAPS = np.empty((0, 2))
@@ -132,7 +119,10 @@ _RARELY = 0.5  # of the share of the most frequent kind
 
 
 class Gaps(NamedTuple):
-    """Times (n, 2) at which pulses of the run are not in the file, and those at which it has others instead."""
+    """Times (n, 2) at which pulses of the run are not in the file, and those at which it has others instead.
+
+    They are infinite before its first pulse and after its last one.
+    """
 
     paused_s: Array
     astray_s: Array
@@ -142,22 +132,22 @@ class ClockFit(NamedTuple):
     """The run's time as a line over the file's time.
 
     `unseen_s` are the times of the run's pulses before the first and after the last that is in the file, infinite if
-    the file has no pulses. `known_s` are the times of the run between which the line holds. `rises` are the numbers
-    of the run's pulses that are in the file, None if no gap can be told, and `others_s` the file's other pulses.
+    the file has no pulses. `rises` are the numbers of the run's pulses that are in the file, None if no gap can be
+    told, and `others_s` the file's other pulses.
     """
 
     slope: float
     offset_s: float
     unseen_s: tuple[Array, Array]
     clock: SpikeClock
-    known_s: tuple[float, float] = (-math.inf, math.inf)
     rises: NDArray[np.int64] | None = None
     others_s: Array = np.empty(0)
 
-    def gaps(self, made: Sequence[Mapping[str, Any]]) -> "Gaps":
-        """Return the times between pulses of the file at which those of the run, ascending, are not in it.
+    def gaps(self, made: Sequence[Mapping[str, Any]], expected: NDArray[np.bool_]) -> "Gaps":
+        """Return the times between pulses of the file, and beyond them, at which those of the run are not in it.
 
-        One pulse may be an edge that was lost; two in a row, or all of a press, are a gap. So is one without a press,
+        `made` are the run's pulses, ascending, and `expected` (n,) is whether the file may have them. One that is
+        missing may be an edge that was lost; two in a row, or all of a press, are a gap. So is one without a press,
         if the file has another pulse instead. A kind of pulse (`at`) that the file rarely has was not recorded.
         """
         if self.rises is None:
@@ -166,19 +156,17 @@ class ClockFit(NamedTuple):
         found[self.rises] = True
         at, press = (np.array([str(event.get(key)) for event in made]) for key in ("at", "index"))
         shares = {kind: float(found[at == kind].mean()) for kind in np.unique(at).tolist()}
-        kept = np.array([shares[kind] >= _RARELY * max(shares.values()) for kind in at.tolist()])
+        kept = expected & np.array([shares[kind] >= _RARELY * max(shares.values()) for kind in at.tolist()])
         lost_press = {one for one in press[kept] if one != _NO_PRESS and not found[kept & (press == one)].any()}
-        rise_s = np.array([event["rise_s"] for event in made], dtype=float)
-        seen = np.flatnonzero(found)
+        rise_s = np.array([-math.inf, *(float(event["rise_s"]) for event in made), math.inf])
         paused, astray = list[tuple[float, float]](), list[tuple[float, float]]()
-        for first, last in pairwise(seen.tolist()):
+        for first, last in pairwise([-1, *np.flatnonzero(found).tolist(), len(made)]):
             lost = first + 1 + np.flatnonzero(kept[first + 1 : last])
-            begin_s, end_s = rise_s[[first, last]].tolist()
+            begin_s, end_s = rise_s[[first + 1, last + 1]].tolist()
             other = bool(((self.others_s > begin_s) & (self.others_s < end_s)).any())
             alone = len(lost) == 1 and press[lost[0]] == _NO_PRESS and other
             if len(lost) > 1 or alone or any(press[n] in lost_press for n in lost):
                 (astray if other else paused).append((begin_s, end_s))
-        paused = sorted(paused + _at_ends(rise_s, press, kept, seen))
         return Gaps(*(np.array(some, dtype=float).reshape(-1, 2) for some in (paused, astray)))
 
     def run_s(self, file_s: Array) -> Array:
@@ -186,16 +174,6 @@ class ClockFit(NamedTuple):
         if self.slope == 1.0 and self.offset_s == 0.0:
             return file_s
         return np.asarray(self.slope * file_s + self.offset_s)
-
-
-def _at_ends(
-    rise_s: Array, press: NDArray[np.str_], kept: NDArray[np.bool_], seen: NDArray[np.int64]
-) -> list[tuple[float, float]]:
-    """Return the times between the first or last pulse in the file and the next one of its press, if several lack."""
-    first, last = int(seen[0]), int(seen[-1])
-    ends = (first, np.flatnonzero(kept[:first])[::-1]), (last, last + 1 + np.flatnonzero(kept[last + 1 :]))
-    inside = [(at, int(lost[0])) for at, lost in ends if len(lost) > 1 and press[lost[0]] == press[at] != _NO_PRESS]
-    return [(float(rise_s[min(pair)]), float(rise_s[max(pair)])) for pair in inside]
 
 
 NONE_UNSEEN = np.empty(0), np.empty(0)

@@ -3,15 +3,18 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
+from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from tests.error_codes import raises
+from tests.rig.compare.test_every_kind_of_recording import TIMES, WINDOW_S, journal
 
 Make = Callable[..., StimulusRow]
 
@@ -160,6 +163,8 @@ BAD = {
     "A8,bar:3,,c.csv": "'A8' is no name of an afferent, or the same as 'a8'",
     "a12,bar:3,n/a,b.csv": "column depth_mm: 'n/a' must be a number of 0 or more",
     "mean,bar:3,,c.csv": "'mean' is no name of an afferent;",
+    "Population,bar:3,,c.csv": "'Population' is no name of an afferent;",
+    "grand average,bar:3,,c.csv": "'grand average' is no name of an afferent;",
     "a8,bar:3,,c.csv": "afferent a8 already has a recording of bar:3;",
 }
 
@@ -209,6 +214,65 @@ LEFT_IN_A_FOLDER = {
     "a hidden file": (lambda path: laid(path / ".DS_Store"), ""),
 }  # fmt: skip
 """What may lie in a folder beside the recordings, and what is said: a file may have been lost in copying."""
+
+
+def nwb(*spikes: list[float], about: str = "") -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            file["units/id"], file["units/spike_times"] = range(len(spikes)), np.concatenate(spikes)
+            file["units/spike_times_index"] = np.cumsum([len(one) for one in spikes])
+            file.attrs["about"] = about
+
+    return write
+
+
+def as_text(content: str) -> Callable[[Path], None]:
+    return lambda path: path.write_bytes(content.encode())  # type: ignore[return-value]
+
+
+OTHERS = [t + 0.003 * (1 + n % 3) for n, t in enumerate(TIMES)]
+"""Of a unit that fires as often as the other in each press, at other times."""
+
+ROWS = ("-1,33.3333333", "-0.5,5", "0,66.6666667", "0.5,4")
+RATES = "\n".join(["position_mm,rate", *ROWS])
+ONE, TWO = nwb(TIMES), nwb(TIMES, OTHERS)
+COPIES = {
+    "a unit named, and the only one": (ONE, "one.nwb", "one.nwb#0", ONE, True),
+    "a row and an id": (TWO, "one.nwb#row=1", "one.nwb#0", TWO, True),
+    "another unit": (TWO, "one.nwb#0", "one.nwb#1", TWO, False),
+    "a file saved again": (ONE, "one.nwb", "other.nwb", nwb(TIMES, about="again"), True),
+    "a file saved with its spikes as text": (
+        ONE, "one.nwb", "other.csv", as_text("time_s\n" + "".join(f"{t:.3f}\n" for t in TIMES)), True,
+    ),
+    "a copy that was cut shorter": (ONE, "one.nwb", "other.nwb", nwb(TIMES[:-3]), True),
+    "a unit with as many spikes": (ONE, "one.nwb", "other.nwb", nwb(OTHERS), False),
+    "a table with other ends of lines": (
+        as_text(RATES), "one.csv", "other.csv", as_text(RATES.replace("\n", "\r\n")), True,
+    ),
+    "a table with fewer digits": (as_text(RATES), "one.csv", "other.csv", as_text(RATES.replace("33333", "")), True),
+    "a table in another order": (
+        as_text(RATES), "one.csv", "other.csv", as_text("\n".join(["position_mm,rate", *ROWS[::-1]])), True,
+    ),
+    "a table with one more": (as_text(RATES), "one.csv", "other.csv", as_text(RATES.replace(",5", ",6")), False),
+}  # fmt: skip
+"""Two afferents: the file of the first, the names of both, the file of the second, and whether they are one."""
+
+
+@pytest.mark.parametrize("name", COPIES)
+def test_one_recording_is_one_afferent(name: str, tmp_path: Path, make_stimulus: Make) -> None:
+    write, one, other, write_other, is_copy = COPIES[name]
+    write(tmp_path / one.partition("#")[0])
+    write_other(tmp_path / other.partition("#")[0])
+    x, receptor = np.linspace(-2, 2, 9), np.array([0.0])
+    stimuli = [make_stimulus("bar:3.0", x, receptor, {}, kind="doi_mm", commanded=1.0)]
+    path = table(tmp_path, f"a1,bar:3,,{one}", f"a2,bar:3,1,{other}")
+    reading = Reading(window_s=(0.0, WINDOW_S), columns=column_map(["sync=none"] * one.endswith("nwb")))
+    if not is_copy:
+        assert len(read_afferents(path, [], [journal(tmp_path)], stimuli, reading)) == 2
+        return
+    with raises(RecordingError, "bad_rows", path=str(path), bad=1) as caught:
+        read_afferents(path, [], [journal(tmp_path)], stimuli, reading)
+    assert "is the recording of bar:3 of afferent a1 already" in str(caught.value)
 
 
 def laid(file: Path) -> None:

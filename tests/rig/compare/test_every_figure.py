@@ -282,7 +282,7 @@ def _deflection(world: World, simulated: int | None = None, measured: int | None
 
 def _group(world: World) -> Columns:
     best = np.array([row.by_afferent for row in world.group.rows]).min(axis=0)
-    return {"below the best": np.clip([row.by_afferent - best for row in world.group.rows[:18]], 0.5, 100.0).T}
+    return {"below the best": np.clip([row.by_afferent - best for row in world.group.rows], 0.5, 100.0).T}
 
 
 def _bands(world: World, band: int) -> Columns:
@@ -891,7 +891,8 @@ def test_numbers_on_a_map_are_its_values(walk: Walk) -> None:
     assert at == {(i, j): f"{100 * matrix[i, j]:.0f}" for i, j in np.argwhere(matrix > 0).tolist()}
     group = walk("group").world.group
     plot = _plot(walk, "group", "Log-likelihood")
-    shares = [f"{100 * row.probability:.0f} %" for row in group.rows[:18] if row.in_set]
+    assert list(plot.panels[0].x_names) == [row.name for row in group.rows]
+    shares = [f"{100 * row.probability:.0f} %" for row in group.rows if row.in_set]
     assert [text.get_text() for text in plot._drawn[1][0].texts] == shares
     assert list(plot.panels[0].y_names) == list(group.afferents)
     design = _plot(walk, "design", "The design")
@@ -899,6 +900,14 @@ def test_numbers_on_a_map_are_its_values(walk: Walk) -> None:
     assert [panel.title for panel in design.panels] == ["1. bar:3.0: 3 presses"]
     low, high = design._drawn[1][0].get_ylim()
     assert low > high, "deeper is lower"
+
+
+def test_the_force_band_of_an_identification_fits_a_phone(walk: Walk) -> None:
+    """A window of 420 px, with a margin of 16 px on each side."""
+    plot = _plot(walk, "identification", "The force band")
+    assert 96 * plot.size[0] <= 420 - 2 * 16
+    figure, (axes,) = plot._drawn
+    assert all(text.get_window_extent().x1 <= figure.bbox.x1 for text in axes.texts)
 
 
 def test_complete_knowledge_is_the_logarithm_of_the_candidates(walk: Walk) -> None:

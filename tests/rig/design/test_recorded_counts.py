@@ -72,6 +72,46 @@ def test_tables_that_are_refused(table: ResponseTable, tmp_path: Path, old: str,
         read_counts(path, table.presses, 1.0)
 
 
+FOUR = ("bar:1.5,1.7,0.25,3", "bar:3,-0.17,1,12", "bar:3,-0.17,1,9", "bar:1.5,1.7,0.25,4")
+SILENT = tuple(row.rpartition(",")[0] + ",0" for row in FOUR)
+
+
+@pytest.mark.parametrize(
+    ("rows", "row"),
+    [
+        ((*FOUR, *FOUR), 6),
+        ((*FOUR, *FOUR, *FOUR), 6),
+        ((*FOUR, *FOUR[:3]), 6),
+        ((*FOUR, "bar:3,-0.17,1,999"), 6),
+        ((*FOUR, "bar:3,-0.17,1,28"), 6),
+        (("bar:3,-0.17,1,28", *FOUR), 2),
+        ((*FOUR, *FOUR[::-1]), None),
+        ((*SILENT, *SILENT), None),
+    ],
+    ids=[
+        "appended to itself",
+        "twice",
+        "in part",
+        "no data",
+        "a sum below",
+        "a sum above",
+        "counts that were found again",
+        "a silent fiber",
+    ],
+)
+def test_a_count_is_of_one_press(
+    table: ResponseTable, tmp_path: Path, rows: tuple[str, ...], row: int | None
+) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text("\n".join(["shape,x_mm,doi_mm,count", *rows]), encoding="utf-8")
+    if row is None:
+        assert len(read_counts(path, table.presses, 1.0)) == len(rows)
+        return
+    with pytest.raises(RecordingError, match=f"row {row}, column count") as caught:
+        read_counts(path, table.presses, 1.0)
+    assert caught.value.code in ("place_twice", "no_number", "totals")
+
+
 @pytest.mark.parametrize(
     ("window", "hold_s", "code"),
     [("window_s,1", 1.0, None), ("window_ms,1000", 1.0, None), ("window_s,0.5", 1.0, "other_window")],
