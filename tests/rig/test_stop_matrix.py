@@ -3,13 +3,12 @@
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -195,28 +194,6 @@ def _runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "r"))
 
 
-TODAY = {
-    ("test_rig_stop", "none", "held by another program"): "nothing is sent: the port is opened exclusively",
-    ("test_rig_stop", "dead", "held by another program"): "nothing is sent: the port is opened exclusively",
-    ("test_stop_in_the_panel", "none", "held by another program"): "nothing is sent: the port is opened exclusively",
-    ("test_stop_in_the_panel", "dead", "held by another program"): "nothing is sent: the port is opened exclusively",
-    **{
-        ("test_rig_stop", owner, port): "an owner that hangs keeps the port"
-        for owner in ("hung", "stuck")
-        for port in ("held by us", "held by another program", "gateway for one program")
-    },
-    ("test_rig_stop", "another account", "gateway for one program"): "the other account is not named",
-}
-
-
-@pytest.fixture(autouse=True)
-def _differs_today(request: pytest.FixtureRequest) -> None:
-    of = getattr(request.node, "callspec", None)
-    reason = None if of is None else TODAY.get((request.function.__name__, of.params["owner"], of.params["port"]))
-    if reason is not None:
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
-
-
 def _rows(column: int) -> list[object]:
     return [
         pytest.param(
@@ -258,7 +235,9 @@ def test_rig_stop(
             not_confirmed = f"Stop sent to {made.port} but not confirmed"
             assert err.startswith(("Stop NOT sent to", not_confirmed) if "confirmed" in expected else "Stop NOT sent")
             assert "se the emergency stop" in err.splitlines()[0]
-            assert ("held by another account" in err.splitlines()[0]) is ("another account" in expected)
+            assert ("held by another account: use the emergency stop" in err.splitlines()[0]) is (
+                "another account" in expected
+            )
             assert out == ""
         if made.owners and owner != "dead":
             ended = [one.poll() is not None for one in made.owners]
@@ -285,6 +264,8 @@ def test_stop_in_the_panel(
         begun_s = time.monotonic()
         answer = asked(app, "POST", "/stop", headers, [body]).json()
         record_property("first_byte_s", made.board.first_s - begun_s)
+        if answer["ok"]:
+            until(lambda: made.board.all.startswith(obstacles.STOP))
         heard = made.board.all
     words = str(answer.get("words", answer["problem"]))
     reached = {"reached": made.owners[:1], "reached both": made.owners}.get(expected, [])
