@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig.transport.ownership import MachineLock, identities
-from studies.posix import os, pty, resource, signal, tty
+from studies.posix import os, pty, resource, tty
 
 STOP = b"!\x18"
 SOMEBODY = 60001
