@@ -31,13 +31,25 @@ PAGE = Path(__file__).parents[2] / "docs" / "stop.md"
 CELLS = re.findall(
     r"^\| (.+?) \| (.+?) \| (.+?) \| (.+?) \| (.+?) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE
 )
-OWNERS = ("none", "alive", "paused", "manual control", "hung", "stuck", "dead", "another account", "two runs")
+OWNERS = (
+    "none",
+    "alive",
+    "paused",
+    "manual control",
+    "hung",
+    "stuck",
+    "dead",
+    "another account",
+    "without a socket",
+    "two runs",
+)
 PORTS = ("free", "held by us", "held by another program", "gone")
 CANNOT_EXIST = {
     ("none", "held by us"): "the system frees the lock with its process",
     ("dead", "held by us"): "the system frees the lock with its process",
     ("another account", "held by another program"): "the port is locked by its account: as held by us",
     **{("manual control", port): "as a run that is alive" for port in PORTS if port != "held by us"},
+    **{("without a socket", port): "as none, or as held by us" for port in PORTS if port != "held by us"},
     **{("two runs", port): "as a run that is alive" for port in PORTS if port != "held by us"},
 }
 SOMEBODY = obstacles.SOMEBODY
@@ -57,6 +69,10 @@ if account != "0":
 stage = OwnedStage(settings, WallClock())
 if holds == "True":
     stage.open()
+
+if kind == "no socket":
+    print("ready", flush=True)
+    sys.stdin.read()
 
 def stop(request):
     print("stopped", flush=True)
@@ -109,6 +125,7 @@ class Cell:
         self.port = ""
         self.owners: list[subprocess.Popen[str]] = []
         self.gone: Callable[[], None] = lambda: None
+        self.other: Cell | None = None
 
     def begun(self, code: str, *words: object, **environment: str) -> "subprocess.Popen[str]":
         """Start a process that prints `ready`."""
@@ -171,12 +188,14 @@ def cell(owner: str, port: str, folder: Path) -> Iterator[Cell]:
                 made.own("paused", holds=holds, account=SOMEBODY)
             case "manual control":
                 made.own("paused", holds=holds, kind="by hand")
+            case "without a socket":
+                made.own("paused", holds=holds, kind="no socket")
             case "two runs":
                 made.own("alive", holds=holds)
                 (folder / "other").mkdir()
-                other = Cell(folder / "other", stack)
-                other.open_port("held by us")
-                made.own("alive", holds=True, config=other.config)
+                made.other = Cell(folder / "other", stack)
+                made.other.open_port("held by us")
+                made.own("alive", holds=True, config=made.other.config)
             case _:
                 made.own(owner, holds=holds)
         if "another program" in port:
@@ -243,6 +262,7 @@ def test_rig_stop(
             ended = [one.poll() is not None for one in made.owners]
             assert ended[0] is ("ended" in expected), err
             assert not any(ended[1:])
+        assert made.other is None or made.other.board.all == b"", "a run on other ports goes on"
 
 
 @pytest.mark.parametrize(("owner", "port", "expected"), _rows(3))
