@@ -8,7 +8,7 @@ import typer
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json
 from rig.cli.signals import ENDING_SIGNALS
-from rig.control.stop import NoStageError, SentStop, Stopping, stage_alone
+from rig.control.stop import NoStageError, OutsideStop, SentStop, stage_alone
 from rig.printable import printable
 from rig_shared.outputs import Code, Keywords, Name, Output, Port
 
@@ -43,7 +43,7 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
             "error_text": words, "code": error.code, "exit_code": int(ExitCode.BAD_INPUT), "sent": False,
         }  # fmt: skip
         _fail(nothing_sent, as_json=as_json)
-    stopping = Stopping(settings, ENDING_SIGNALS)
+    stopping = OutsideStop(settings, ENDING_SIGNALS)
     found = stopping.send()
     named = None if found.owner is None else found.owner.pid  # Windows does not name it.
     owner = next(iter(found.notified), None) if named is None else named

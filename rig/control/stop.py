@@ -391,10 +391,10 @@ class SentStop:
 
 def send_stop(settings: BenchSettings) -> SentStop:
     """Stop a stage from outside of its owner, and end no process; problems are in the result, not raised."""
-    return Stopping(settings).send()
+    return OutsideStop(settings).send()
 
 
-class Stopping:
+class OutsideStop:
     """Stop of a stage from outside of its owner.
 
     The stop is sent to every owner at once, without waiting. This process then sends the bytes as well, without

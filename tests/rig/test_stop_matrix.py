@@ -240,6 +240,8 @@ def test_rig_stop(
             [sys.executable, "-c", obstacles._BEGIN, "stop", "--config", str(made.config)],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
+        until(lambda: made.board.heard or process.poll() is not None)
+        bytes_first = not made.owners or made.owners[0].poll() is None
         out, err = process.communicate(timeout=DEADLINE_S)
         took_s = time.monotonic() - begun_s
         begins, _, err = err.partition("\n")
@@ -261,6 +263,7 @@ def test_rig_stop(
         if made.owners and owner != "dead":
             ended = [one.poll() is not None for one in made.owners]
             assert ended[0] is ("ended" in expected), err
+            assert bytes_first is not expected.startswith("ended")
             assert not any(ended[1:])
         assert made.other is None or made.other.board.all == b"", "a run on other ports goes on"
 
@@ -325,3 +328,5 @@ def test_a_command_that_moves(owner: str, port: str, expected: str, command: str
         print(command, owner, "|", port, "|", found["code"], found["error_text"])
         assert found["exit_code"] != 0
         assert found["code"] in codes[expected]
+        if expected == "in use" and owner not in ("none", "dead"):
+            assert f"process {made.owners[0].pid}" in found["error_text"]

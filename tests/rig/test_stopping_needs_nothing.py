@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rig.control.client import ControlError
-from rig.control.stop import BESIDE_S, NoStageError, SentStop, Stopping, stage_alone
+from rig.control.stop import BESIDE_S, NoStageError, OutsideStop, SentStop, stage_alone
 from rig.transport import PortOwner, open_port
 from tests.error_codes import raises
 from tests.preloaded import Popen
@@ -94,7 +94,7 @@ def test_only_an_owner_of_this_account_is_signalled(
     monkeypatch.setattr(os, "geteuid", lambda: here)
     with board.behind_tcp() as port:
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
-        stopping = Stopping(settings, [10, 9], find=list)
+        stopping = OutsideStop(settings, [10, 9], find=list)
         found = stopping.send()
         assert signals == []
         stopping.end_holder()
@@ -125,7 +125,7 @@ def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) ->
         other = f"tcp://localhost:{port.rpartition(':')[2]}"
         known = [Known(os.getpid(), other), Known(7, port), Known(8, "tcp://no-such-host.invalid:5")]
         with closing(open_port(other, 9600)):
-            found = Stopping(settings, find=lambda: known).send()  # type: ignore[arg-type, return-value]
+            found = OutsideStop(settings, find=lambda: known).send()  # type: ignore[arg-type, return-value]
     assert said == [(os.getpid(), b""), (7, b"")], "before a byte went out"
     assert (found.sent, found.state) == (True, "Alarm")
 
@@ -150,7 +150,7 @@ def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_pa
     with board.behind_tcp() as port, closing(open_port(port, 9600)):
         ByHand.ports = (port,)  # type: ignore[attr-defined]
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
-        found = Stopping(settings, find=lambda: [ByHand()]).send()  # type: ignore[list-item]
+        found = OutsideStop(settings, find=lambda: [ByHand()]).send()  # type: ignore[list-item]
     assert before == [b""]
     assert (found.confirmed_by, found.notified, found.sent, found.state) == (7, (7,), True, "Alarm")
     assert board.all.startswith(obstacles.STOP)
@@ -162,7 +162,7 @@ def test_of_two_wires_one_that_cannot_be_opened_keeps_nothing_from_the_other(tmp
         ports = (("x", 1, "/dev/ttyNOWHERE7"), ("z", 2, port))
         drives = "".join(f"[stage.drives.{axis}]\ndevice_id = {n}\nport = '{at}'\n" for axis, n, at in ports)
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nkind = 'leadshine'\nframing = 'rtu'\n{drives}"))
-        found = Stopping(settings, find=list).send()
+        found = OutsideStop(settings, find=list).send()
     assert found.sent
     assert not found.done, "half of a stage is no stage"
     assert "/dev/ttyNOWHERE7" in found.words
