@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import pytest
 import rig.control.client as announcements
 import rig.control.owner_socket as control_socket
 from rig.control.client import Announced, Announcement, ControlError, RefusedError, announced, runtime_folder
-from rig.control.connection import LimitedConnection, connected, proven
+from rig.control.connection import MOST_BYTES, LimitedConnection, connected, proven, stop_message
 from rig.control.owner_socket import ControlSocket
 from rig.errors import RigError
 from tests.error_codes import raises
@@ -143,11 +144,28 @@ def test_a_stop_is_answered_while_another_request_takes_its_time() -> None:
     assert slow == [{"ok": True, "homed": True}]
 
 
-def test_a_stop_whose_sender_has_gone_is_carried_out() -> None:
-    stopped = threading.Event()
+def test_a_stop_whose_sender_has_gone_is_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    stopped, gone, admit = threading.Event(), threading.Event(), LimitedConnection.admit
+
+    def late(client: LimitedConnection, key: bytes) -> bytes | None:
+        assert gone.wait(DEADLINE_S)
+        return admit(client, key)
+
+    monkeypatch.setattr(LimitedConnection, "admit", late)
     with _owner(stop=lambda _: {"stopped": not stopped.set()}):
-        _only().post_stop()
+        one = _only()
+        with connected(one.address, DEADLINE_S) as connection:
+            connection.send_bytes(stop_message(bytes.fromhex(one.key), "")[1])
+        gone.set()
         assert stopped.wait(DEADLINE_S)
+
+
+def test_a_message_that_is_too_long_is_not_received() -> None:
+    near, far = Pipe()
+    with near, far:
+        near.send_bytes(bytes(MOST_BYTES + 1))
+        with pytest.raises(OSError, match="length"):
+            LimitedConnection(far, DEADLINE_S).recv_bytes()
 
 
 # --- attacks ---
