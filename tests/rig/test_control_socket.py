@@ -151,8 +151,12 @@ def test_a_stop_whose_sender_has_gone_is_carried_out(monkeypatch: pytest.MonkeyP
         assert gone.wait(DEADLINE_S)
         return admit(client, key)
 
+    def stop(_: object) -> dict[str, Any]:
+        stopped.set()
+        return {}
+
     monkeypatch.setattr(LimitedConnection, "admit", late)
-    with _owner(stop=lambda _: {"stopped": not stopped.set()}):
+    with _owner(stop=stop):
         one = _only()
         with connected(one.address, DEADLINE_S) as connection:
             connection.send_bytes(stop_message(bytes.fromhex(one.key), "")[1])
