@@ -26,6 +26,7 @@ MAY = {
     "sim/test_calculix.py": "another program, that ends before pytest's deadline",
     "rig/test_hostile_files.py": "processor time of a child, which a busy machine does not lengthen",
     "faults/obstacles.py": "times of a stop, recorded and not asserted",
+    "rig/test_stop_matrix.py": "times of a stop, recorded and not asserted",
     "faults/panel_attacks.py": "an attacker's own timeout",
     "faults/panel_under_attack.py": "times of stops, compared with each other",
     "whole_program.py": "is held in its report until the test ends it",

@@ -21,6 +21,10 @@ from rig.clock import WallClock
 
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
 """Signal of `rig stop` to an owner whose socket does not answer; None on Windows."""
+ENDING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGUSR1", "SIGKILL") if hasattr(signal, name)) or (
+    signal.SIGTERM,
+)
+"""Signals that end an owner that does not answer to `rig stop`, gentlest first; SIGTERM of Windows ends at once."""
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 KEYS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP", "SIGQUIT", "SIGBREAK") if hasattr(signal, name))
 """Ctrl-C, Ctrl-Z and Ctrl-\\, on Windows Ctrl-C and Ctrl-Break: the first requests a pause, a second one stops."""

@@ -1,6 +1,5 @@
 """`rig stop`: stop the stage now, whatever program moves it; imports only what a stop needs."""
 
-import os
 import sys
 from typing import Annotated, NoReturn, NotRequired
 
@@ -8,8 +7,8 @@ import typer
 
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json
-from rig.cli.signals import STOP_SIGNAL
-from rig.control.stop import NoStageError, SentStop, send_stop, stage_alone
+from rig.cli.signals import ENDING_SIGNALS
+from rig.control.stop import NoStageError, OutsideStop, SentStop, stage_alone
 from rig.printable import printable
 from rig_shared.outputs import Code, Keywords, Name, Output, Port
 
@@ -44,7 +43,8 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
             "error_text": words, "code": error.code, "exit_code": int(ExitCode.BAD_INPUT), "sent": False,
         }  # fmt: skip
         _fail(nothing_sent, as_json=as_json)
-    found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
+    stopping = OutsideStop(settings, ENDING_SIGNALS)
+    found = stopping.send()
     named = None if found.owner is None else found.owner.pid  # Windows does not name it.
     owner = next(iter(found.notified), None) if named is None else named
     if not found.done:
@@ -67,7 +67,9 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
         print_json(stopped)
     else:
         out.print(found.words)
-    for line in dict.fromkeys([*_still_there(found), *passed]):
+    sys.stdout.flush()
+    ended = stopping.end_holder()  # The result comes first: an operator waits for it.
+    for line in dict.fromkeys([*_still_there(found), *([] if ended is None else [ended]), *passed]):
         complain(line)
 
 
@@ -81,8 +83,3 @@ def _fail(failure: NotStoppedJson, *, as_json: bool) -> NoReturn:
 def _still_there(found: SentStop) -> list[str]:
     """Return the problems of the owner that remain although the stage was stopped."""
     return [] if found.confirmed_by is not None else found.problems
-
-
-def _signal(pid: int) -> None:
-    if STOP_SIGNAL is not None:
-        os.kill(pid, STOP_SIGNAL)

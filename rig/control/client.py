@@ -17,15 +17,12 @@ import filelock
 from platformdirs import user_runtime_path
 from pydantic import BaseModel, Field, ValidationError
 
-from rig.control.local_socket import connected
-from rig.control.messages import BROKEN, Wire, encoded
+from rig.control.connection import BROKEN, LimitedConnection, connected, decoded, stop_message, verified
 from rig.errors import RigError
 from rig_shared.outputs import CommandLine, Output, Time
 from rig_shared.user_files import read_bytes
 
 ASK_S = 1.0
-STOP = {"do": "stop"}
-"""Request that is sent without a handshake."""
 
 
 class ControlError(RigError):
@@ -62,8 +59,13 @@ class Announced(Announcement, frozen=True):
 
     def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
         """Return the reply to one request. Raises RefusedError, or ControlError without a reply."""
-        with self._failing(do, within_s):
-            return self._answered(do, self._answer({"do": do, **more}, within_s))
+        if do == "stop" and not more:
+            return self.post_stop()(within_s)
+        with self._failing(do, within_s), connected(self.address, within_s) as connection:
+            owner = LimitedConnection(connection, within_s)
+            owner.greet(bytes.fromhex(self.key))
+            owner.send({"do": do, **more})
+            return self._answered(do, owner.receive())
 
     def post_stop(
         self, lives: Callable[[], object] = lambda: None, *, by: str = ""
@@ -74,13 +76,17 @@ class Announced(Announcement, frozen=True):
         the owner; an owner without one may hang.
         """
         key = bytes.fromhex(self.key)
+        stop, message = stop_message(key, by)  # First: the owner wakes when this connects.
         with self._failing("stop", 0.0):
             connection = connected(self.address, 0.0)
-            nonce = Wire(connection, 0.0).post_stop(key, by)
+            connection.send_bytes(message)
 
         def answer(within_s: float) -> dict[str, Any]:
             with self._failing("stop", within_s), connection:
-                return self._answered("stop", Wire(connection, within_s).stopped(key, nonce, lives))
+                owner = LimitedConnection(connection, within_s)
+                owner.recv_bytes()
+                lives()
+                return self._answered("stop", decoded(verified(key, stop, owner.recv_bytes())))
 
         return answer
 
@@ -106,18 +112,8 @@ class Announced(Announcement, frozen=True):
     def _answered(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
         if answer.get("ok") is not True:
             problem = str(answer.get("problem", f"process {self.pid} refused {do!r}"))
-            code = str(answer.get("code", RefusedError.default_code))
-            raise RefusedError(str(problem), code)
+            raise RefusedError(problem, str(answer.get("code", RefusedError.default_code)))
         return answer
-
-    def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:
-        with connected(self.address, within_s) as connection:
-            wire, key = Wire(connection, within_s), bytes.fromhex(self.key)
-            if request == STOP:
-                return wire.stop(key)
-            wire.prove(key)
-            wire.send_bytes(encoded(request))
-            return wire.hear()
 
 
 def announced() -> list[Announced]:

@@ -6,14 +6,21 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rig.control.client import STOP, Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
-from rig.control.local_socket import Channel, connected, listening
-from rig.control.messages import BROKEN, Wire, encoded, sender_of
+from rig.control.client import Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
+from rig.control.connection import (
+    RECEIVED,
+    LimitedConnection,
+    PrivateListener,
+    connected,
+    encoded,
+    proven,
+    sender_of,
+)
 from rig.data.folder import put_in_place
 from rig.errors import RigError
 
@@ -23,8 +30,8 @@ Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 PATIENCE_S = 2.0
 """Time until a silent client is disconnected (s)."""
 
-MOST_UNPROVEN = 32
-"""Maximum number of unauthenticated clients; one more disconnects the oldest of them."""
+MOST_THREADS = 256
+"""Number of threads from which a client waits until another one has gone."""
 
 SWITCH_S = 5e-4
 """Longest delay of a waiting thread by a busy main thread (s), some ten times for one reply."""
@@ -43,16 +50,14 @@ _AGAIN_S = 0.05
 class ControlSocket:
     """Socket on which a process that owns ports announces itself and replies, whatever its main thread does.
 
-    Each client is served by a thread that was already waiting, so that a stop waits for no other client and no
-    thread start. An exception of a handler is reported in one line.
+    Each client is served by a thread that was already waiting, so that a stop waits for no other client and no thread
+    start: both cost turns of a thread on a busy machine. An exception of a handler is reported in one line.
     """
 
     def __init__(self, announcement: Announcement, answers: Answers) -> None:
         self._announcement, self._answers = announcement, answers
         self._key = secrets.token_bytes(32)
-        self._ending = threading.Event()
-        self._counting, self._waiting = threading.Condition(), set[threading.Thread]()
-        self._unproven: dict[Channel, None] = {}  # in the order in which they connected
+        self._ending, self._counting, self._waiting = threading.Event(), threading.Condition(), 0
 
     def __enter__(self) -> "ControlSocket":
         """Announce the process and listen.
@@ -62,12 +67,12 @@ class ControlSocket:
         with ExitStack() as undo:
             undo.enter_context(quick_switches())
             self._note = undo.enter_context(_own_note(self._announcement.pid))
-            self._listener = undo.enter_context(listening(self._note.with_suffix(".sock")))
+            self._listener = undo.enter_context(closing(PrivateListener(self._note.with_suffix(".sock"))))
             self._write_note()
             undo.callback(self._note.unlink, missing_ok=True)
-            undo.callback(self._wake_waiting)
+            undo.callback(self._end)
             for _ in range(_SPARE):
-                self._wait_for_one_more()
+                self._begin_thread()
             self._undo = undo.pop_all()
         return self
 
@@ -83,89 +88,63 @@ class ControlSocket:
 
     def _write_note(self) -> None:
         """Write the note in one step, readable for this user only."""
-        announced = Announced(**dict(self._announcement), address=self._listener.address, key=self._key.hex())
+        address, key = self._listener.address, self._key.hex()
+        announced = Announced(**dict(self._announcement), address=address, key=key)
         new = self._note.with_suffix(".new")
         with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as file:
             file.write(announced.model_dump_json())
         put_in_place(new, self._note)
 
-    def _wait_for_one_more(self) -> None:
-        threading.Thread(target=self._serve_some, name="control", daemon=True).start()
+    def _begin_thread(self) -> None:
+        with suppress(RuntimeError):  # The system has no more threads.
+            threading.Thread(target=self._serve_some, name="control", daemon=True).start()
 
     def _serve_some(self) -> None:
-        """Serve one client after another; the last waiting thread starts another one before it serves."""
-        this = threading.current_thread()
+        """Serve one client after another; the last waiting thread begins another one before it serves."""
         while True:
             with self._counting:
-                if self._ending.is_set() or len(self._waiting) >= _SPARE:
+                if self._ending.is_set() or self._waiting == _SPARE:
                     return
-                self._waiting.add(this)
-            connection = self._accepted()
-            if connection is not None:
-                self._admit(connection)
-            with self._counting:
-                self._waiting.discard(this)
-                alone = not self._waiting
-            if connection is None:
-                return
-            if self._ending.is_set():
-                self._dismiss(connection)
-                connection.close()
-                return
-            if alone:
-                self._wait_for_one_more()
-            self._serve(connection)
-
-    def _accepted(self) -> Channel | None:
-        """Return the next connection, or None at the end."""
-        while not self._ending.is_set():
+                self._waiting += 1
+            accepted = None
             try:
-                return self._listener.accept()
-            except OSError:  # Too many are open; silent ones are disconnected soon.
+                accepted = self._listener.accept(PATIENCE_S)
+            except (OSError, EOFError):  # Too many files are open; silent clients are disconnected soon.
                 self._ending.wait(_AGAIN_S)
-        return None
+            with self._counting:
+                self._waiting -= 1
+                self._counting.notify_all()
+                alone = not self._waiting
+            if accepted is None:
+                continue
+            connection, client = accepted
+            with suppress(Exception), connection:  # No failed client ends this.
+                if alone and threading.active_count() < MOST_THREADS:
+                    self._begin_thread()
+                self._serve(client)
 
-    def _admit(self, connection: Channel) -> None:
-        """Count a client without the key; above the limit, wait for the end of the first ones."""
-        with self._counting:
-            self._unproven[connection] = None
-            for first in list(self._unproven)[: max(len(self._unproven) - MOST_UNPROVEN, 0)]:
-                first.end_reading()
-            self._counting.wait_for(lambda: len(self._unproven) <= MOST_UNPROVEN, PATIENCE_S)
-
-    def _dismiss(self, connection: Channel) -> None:
-        """Stop counting a client that has proven the key or disconnected."""
-        with self._counting:
-            self._unproven.pop(connection, None)
-            self._counting.notify_all()
-
-    def _wake_waiting(self) -> None:
-        """Wake the waiting threads with connections of our own, and join them."""
+    def _end(self) -> None:
+        """Wake the waiting threads by connections of our own, and wait for their end."""
         with self._counting:
             self._ending.set()
-            waiting = list(self._waiting)
+            waiting = self._waiting
         with suppress(OSError):  # The socket's file is gone; the threads end with the process.
-            for _ in waiting:
+            for _ in range(waiting):
                 connected(self._listener.address, PATIENCE_S).close()
-            for thread in waiting:
-                thread.join(PATIENCE_S)
+            with self._counting:
+                self._counting.wait_for(lambda: not self._waiting, PATIENCE_S)
 
-    def _serve(self, connection: Channel) -> None:
-        """Serve one request; drop a client that is foreign or gone."""
-        with connection:
-            try:
-                wire = Wire(connection, PATIENCE_S)
-                try:
-                    nonce = wire.challenge(self._key)
-                finally:
-                    self._dismiss(connection)
-                if nonce is None:
-                    wire.send_bytes(self._answer(wire.hear()))
-                else:
-                    by = sender_of(nonce)
-                    wire.answer_stop(self._key, nonce, self._answer({**STOP, "by": by} if by else STOP))
-            except BROKEN:
-                return
+    def _serve(self, client: LimitedConnection) -> None:
+        """Serve one request. Raises BROKEN if the client is foreign, silent or gone."""
+        stop = client.admit(self._key)
+        if stop is None:
+            client.send_bytes(self._answer(client.receive()))
+            return
+        by = sender_of(stop)
+        with suppress(OSError):  # Who sends a stop may not wait for a reply.
+            client.send_bytes(RECEIVED)
+        answer = self._answer({"do": "stop", **({"by": by} if by else {})})
+        client.send_bytes(proven(self._key, stop, answer))
 
     def _answer(self, request: Mapping[str, Any]) -> bytes:
         do = request.get("do")

@@ -2,10 +2,12 @@
 
 import io
 import json
+import os
 import re
+import sys
 import threading
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -334,13 +336,19 @@ def _dropped(table: Any, where: list[str]) -> bool:
 
 
 BESIDE_S = 0.025
-"""Time after which a silent owner may hang, and the bytes are sent beside it (s)."""
+"""Time after which a silent owner is abandoned, and the bytes are sent beside it (s)."""
 
 CONFIRMS_S = 1.5
 """Time for a responsive owner to confirm that the stage is at rest (s): a drive repeats its stop for a second."""
 
 LET_GO_S = 5.0
 """Longest wait for an owner that stops, or that alone can reach the stage (s)."""
+
+END_S = 1.0
+"""Time from the signal to an owner that does not answer to its end by the system (s)."""
+
+ENDED_AFTER = sys.platform != "win32"
+"""Whether a process that does not answer is ended after the bytes. No second program opens its port on Windows."""
 
 _AGAIN_S = 0.02
 _AGAIN_FOR_S = 1.0
@@ -374,74 +382,89 @@ class SentStop:
             return f"Stop sent to {ports}: the stage reports {self.state}."
         if self.confirmed_by is not None:
             return f"Stop sent to {ports} by process {self.confirmed_by}, which owns the stage."
+        begin = f"Stop sent to {ports} but not confirmed" if self.sent else f"Stop NOT sent to {ports}"
         why = "; ".join(dict.fromkeys(self.problems)) or "the stage does not answer"
-        if self.sent:
-            return f"Stop sent to {ports} but not confirmed. Use the emergency stop. Cause: {why}"
-        return f"Stop NOT sent to {ports}. Use the emergency stop. Cause: {why}"
+        if self.owner is not None and self.owner.pid is not None and not self.owner.same_account:
+            return f"{begin}, held by another account: use the emergency stop. Cause: {why}"
+        return f"{begin}. Use the emergency stop. Cause: {why}"
 
 
-def send_stop(
-    settings: BenchSettings,
-    *,
-    signal: Callable[[int], object] | None = None,
-    find: Callable[[], Iterable[Announced]] = announced,
-) -> SentStop:
-    """Stop a stage from outside of its owner; problems are in the result, not raised.
+def send_stop(settings: BenchSettings) -> SentStop:
+    """Stop a stage from outside of its owner, and end no process; problems are in the result, not raised."""
+    return OutsideStop(settings).send()
 
-    The stop is first sent to the owner, without waiting. This process then sends the bytes as well: at once if the
-    port has no owner, after an owner that stops and releases it, and beside one that does not reply within BESIDE_S.
-    `signal` is called only for a process of this account that holds the lock of the port.
+
+class OutsideStop:
+    """Stop of a stage from outside of its owner.
+
+    The stop is sent to every owner at once, without waiting. This process then sends the bytes as well, without
+    owning the port: at once if the port has no owner, after an owner that stops and releases it, and beside one that
+    does not reply within BESIDE_S. Only then a process that holds the port and does not answer is ended, and only if
+    the lock proves that it holds the port and it belongs to this account. On Windows it is ended first, because no
+    second program can open its port; there the note in the user's own folder names it.
     """
-    return _Stopping(settings, signal, find).stopped()
-
-
-class _Stopping:
-    """State of one stop."""
 
     def __init__(
         self,
         settings: BenchSettings,
-        signal: Callable[[int], object] | None,
-        find: Callable[[], Iterable[Announced]],
+        signals: Sequence[int] = (),
+        find: Callable[[], Iterable[Announced]] = announced,
     ) -> None:
-        self._settings, self._signal, self._find = settings, signal, find
+        """Prepare a stop. signals: end an owner that does not answer, the gentlest first; none ends no process."""
+        self._settings, self._signals, self._find = settings, signals, find
         self._clock = WallClock()
         self._recipients: list[_Recipient] = []
         self.result = SentStop(stage_ports(settings.stage))
 
-    def stopped(self) -> SentStop:
-        """Try the surest and fastest ways first."""
+    def send(self) -> SentStop:
+        """Stop by the surest and fastest ways first."""
+        result = self.result
         self._notify()
-        if self._by_itself():
-            return self._with_answers()
-        if not self._recipients:
-            self._signal_owner()
-        if self.result.owner is not None:  # Without an owner the port merely cannot be locked.
+        if result.owner is not None and self._recipients:
             self._wait(lambda: self._lives or self._free, BESIDE_S)
             if self._lives:  # It acts now, and must be the only reader of the replies.
                 self._wait(lambda: self._answered or self._free, CONFIRMS_S)
             if self._lets_go:
                 self._wait(lambda: self._free, LET_GO_S)
-            if self._free and self._by_itself():
-                return self._with_answers()
-        self._carry_out(owned=False)
-        if self.result.state is None and self.result.owner is not None:
-            self._wait(lambda: self._answered or self._free, LET_GO_S)
-            if not self._answered:
-                self._signal_owner()
-                self._wait(lambda: self._free, LET_GO_S if self.result.notified else 0.0)
-            self._by_itself()
+            if not ENDED_AFTER:
+                self._wait(lambda: self._answered or self._free, CONFIRMS_S)
+                self.end_holder()
+        self._send_bytes()
+        if result.state is None and result.owner is not None:
+            if self._lives:
+                self._wait(lambda: self._answered or self._free, LET_GO_S)
+            self.end_holder()
+            if self._free:
+                self._send_bytes()
         return self._with_answers()
+
+    def end_holder(self) -> str | None:
+        """End a process that holds the port and does not answer, and return a line about it."""
+        pid = self._holder()
+        if pid is None:
+            return None
+        grace_s = END_S if self._recipients else LET_GO_S  # One without a socket cannot answer.
+        if self._recipients:
+            self._wait(lambda: self._holder() != pid, CONFIRMS_S)
+        for number in self._signals if self._holder() == pid else ():
+            with suppress(OSError):  # The process has just ended.
+                os.kill(pid, number)
+                self.result.notified = tuple(dict.fromkeys((*self.result.notified, pid)))
+            self._wait(lambda: self._holder() != pid, grace_s)
+            if self._holder() != pid:
+                return f"process {pid} did not answer and was ended" if self._free else None
+        return None
 
     # --- owner of the port ---
 
     def _notify(self) -> None:
         """Send the stop to the owner of the port under any name, and to a process that may take it again."""
         ports = self.result.ports
-        holders = [owner.pid for port in ports if (owner := port_owner(port)) is not None]
+        holders = [owner for port in ports if (owner := port_owner(port)) is not None]
+        self.result.owner = next(iter(holders), None)
         with suppress(OSError):  # Then no process can be announced there.
             for one in self._find():
-                if not one.virtual and (one.pid in holders or set(one.ports) & set(ports)):
+                if not one.virtual and (one.pid in [owner.pid for owner in holders] or set(one.ports) & set(ports)):
                     self._notify_one(one)
 
     def _notify_one(self, one: Announced) -> None:
@@ -452,13 +475,16 @@ class _Stopping:
         else:
             self.result.notified += (one.pid,)
 
-    def _signal_owner(self) -> None:
+    def _holder(self) -> int | None:
+        """Return the process of this account that proves to hold the port, and has not answered."""
         owner = first_owner(self.result.ports)
-        if self._signal is None or owner is None or owner.pid is None or not owner.same_account:
-            return
-        with suppress(OSError):  # The process has just ended.
-            self._signal(owner.pid)
-            self.result.notified += (owner.pid,)
+        silent = [one.pid for one in self._recipients if one.answer is None]
+        if owner is None or (owner.pid is not None and not owner.same_account):
+            return None
+        if not ENDED_AFTER:
+            return next(iter(silent), None)
+        answered = {one.pid for one in self._recipients} - set(silent)
+        return None if owner.pid in answered else owner.pid
 
     @property
     def _answered(self) -> bool:
@@ -482,6 +508,8 @@ class _Stopping:
 
     def _with_answers(self) -> SentStop:
         result = self.result
+        self._wait(lambda: self._lives or not self._recipients, BESIDE_S)
+        self._wait(lambda: self._answered or not self._lives, CONFIRMS_S)
         result.confirmed_by = next((one.pid for one in self._recipients if one.confirms), None)
         for one in self._recipients:
             if one.answer is None:
@@ -492,40 +520,31 @@ class _Stopping:
 
     # --- bytes ---
 
-    def _by_itself(self) -> bool:
-        """Stop as owner of the port; return False if another process owns it, or it cannot be locked."""
+    def _send_bytes(self) -> None:
+        """Send the stop, again while a gateway with a single client has not noticed that the last one is gone."""
         deadline_s = self._clock.monotonic_s() + _AGAIN_FOR_S
         while True:
-            try:
-                self._carry_out(owned=True)
-            except NotOwnedError as busy:
-                self.result.owner = self.result.owner or busy.owner
-                if busy.owner is None:
-                    self.result.problems.append(str(busy))
-                return False
-            # A gateway with a single client may need a moment to notice that the last one has gone.
-            if self.result.state is not None or not self.result.notified or self._clock.monotonic_s() >= deadline_s:
-                return True
+            self._send_once()
+            again = self.result.state is None and self.result.notified and self._free
+            if not again or self._clock.monotonic_s() >= deadline_s:
+                return
             self._clock.wait_s(_AGAIN_S)
 
-    def _carry_out(self, *, owned: bool) -> None:
-        """Send the stop. Raises NotOwnedError; other failures are noted."""
-        wires = _Wires(self._settings.stage, self._clock, owned=owned)
-        problems = wires.problems
+    def _send_once(self) -> None:
+        """Send the stop without owning the port; failures are noted."""
+        result, route = self.result, _StopRoute(self._settings.stage, self._clock)
         try:
-            with closing(stage_driver(lambda port: _Way(port, wires), self._clock, self._settings)) as stage:
+            with closing(stage_driver(lambda port: _LazyPort(port, route), self._clock, self._settings)) as stage:
                 stage.stop()
-                self.result.sent = True  # Whatever the reply is.
+                result.sent = True  # Whatever the reply is.
                 state = stage.look().state
-        except NotOwnedError:
-            raise
         except (StageError, TransportError) as error:
-            problems.append(str(error))
+            route.problems.append(str(error))
         finally:
-            self.result.sent = self.result.sent or wires.sent
-        self.result.problems += problems
-        if not problems:  # One of two ports does not show the state of the whole stage.
-            self.result.state = state
+            result.sent = result.sent or route.sent
+        result.problems += route.problems
+        if not route.problems:  # One of two ports does not show the state of the whole stage.
+            result.state = state
 
 
 class _Recipient:
@@ -556,38 +575,37 @@ class _Recipient:
         try:
             self.answer = answer(LET_GO_S)
         except ControlError as error:
-            self.answer = {"unconfirmed": str(error)}
+            if error.code != "no_reply":
+                self.answer = {"unconfirmed": str(error)}
 
 
-class _Way:
+class _LazyPort:
     """Transport of the stage for one stop, opened by its first byte; none waits for another that does not open."""
 
-    def __init__(self, port: str, wires: "_Wires") -> None:
-        self.name, self._wires = port, wires
+    def __init__(self, port: str, route: "_StopRoute") -> None:
+        self.name, self._route = port, route
         self._wire: Transport | None = None
         self._dead = False
 
     def write(self, data: bytes) -> None:
-        """Write; open the port first. Raises NotOwnedError; TransportError if it is the only port."""
+        """Write; open the port first. Raises TransportError if it is the only port."""
         try:
             if self._wire is None and not self._dead:
-                self._wire = self._wires.open(self.name)
+                self._wire = self._route.open(self.name)
             if self._wire is not None:
                 self._wire.write(data)
-                self._wires.sent = True
-        except NotOwnedError:
-            raise
+                self._route.sent = True
         except TransportError as error:
             self._dead = True
-            self._wires.problems.append(str(error))
-            if self._wires.only_one:
+            self._route.problems.append(str(error))
+            if self._route.only_one:
                 raise
 
     def read(self, timeout_s: float) -> bytes:
         """Return received data; nothing if the port did not open. Raises TransportError."""
         if self._wire is not None and not self._dead:
             return self._wire.read(timeout_s)
-        self._wires.clock.wait_s(timeout_s)
+        self._route.clock.wait_s(timeout_s)
         return b""
 
     def close(self) -> None:
@@ -596,16 +614,16 @@ class _Way:
             self._wire.close()
 
 
-class _Wires:
+class _StopRoute:
     """Ports of the stage for one stop, and their problems."""
 
-    def __init__(self, settings: StageSettings, clock: Clock, *, owned: bool) -> None:
-        self._settings, self.clock, self._owned = settings, clock, owned
+    def __init__(self, settings: StageSettings, clock: Clock) -> None:
+        self._settings, self.clock = settings, clock
         self.only_one = len(stage_ports(settings)) == 1
         self.sent = False
         self.problems: list[str] = []
 
     def open(self, port: str) -> Transport:
-        """Open a port. Raises TransportError."""
+        """Open a port that another process may own. Raises TransportError."""
         settings = self._settings
-        return open_port(port, settings.baud, character=settings.character, dtr=settings.dtr, owned=self._owned)
+        return open_port(port, settings.baud, character=settings.character, dtr=settings.dtr, owned=False)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig.transport.ownership import MachineLock, identities
-from studies.posix import os, pty, resource, signal, tty
+from studies.posix import os, pty, resource, tty
 
 STOP = b"!\x18"
 SOMEBODY = 60001
@@ -49,7 +49,6 @@ os.kill(os.getpid(), signal.SIGSTOP)
 """
 _HOLDS = """\
 import fcntl, os, sys, time
-{become}
 fcntl.{kind}(os.open(sys.argv[1], os.O_RDWR), fcntl.LOCK_EX)
 print("ready", flush=True)
 time.sleep(1000)
@@ -247,7 +246,7 @@ def _forged_notes(scene: StopScene) -> None:
     old = scene.folder / f"rig-port-{scene.port.replace('://', '-').replace(':', '-')}"
     old.with_name(f"{old.name}.owner").write_text(str(victim))
     Path(f"{old}.lock").touch()
-    scene.begun(_HOLDS.format(kind="flock", become=""), f"{old}.lock")
+    scene.begun(_HOLDS.format(kind="flock"), f"{old}.lock")
     note = {"pid": victim, "kind": "run", "virtual": False, "ports": [scene.port], "began_unix_s": 1.0,
             "address": str(runtime / "none.sock"), "key": "00" * 32}  # fmt: skip
     (runtime / f"{victim}.json").write_text(json.dumps(note))
@@ -258,7 +257,7 @@ def _forged_lock(scene: StopScene) -> None:
     _tcp(scene)
     place, own = scene.lock_file(), scene.folder / "own"
     own.touch()
-    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf", become=""), str(own)))
+    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf"), str(own)))
     try:
         os.link(own, place)
     except OSError:  # another disk: the lock itself, held by nobody who owns a port
@@ -280,31 +279,9 @@ def _stage_values(scene: StopScene) -> None:
     scene.config += "travel_mm = 'long'\nresolution_mm = -1\nno_such_key = 3\n[stage.drives.x]\ndevice_id = 'one'\n"
 
 
-def _stale_lock(scene: StopScene) -> None:
-    _tcp(scene)
-    scene.hung_owner()
-    assert scene.owner is not None
-    os.kill(scene.owner, signal.SIGKILL)
-    os.waitpid(scene.owner, 0)
-    scene.owner = None
-
-
 def _linked_lock(scene: StopScene) -> None:
     _tcp(scene)
     scene.lock_file().symlink_to(scene.folder / "target")
-
-
-def _other_account(scene: StopScene) -> None:
-    """Another account, where that can be had, holds the lock, and cannot be asked or signalled."""
-    _tcp(scene)
-    place = scene.lock_file()
-    place.touch(0o666)
-    place.chmod(0o666)
-    root = os.geteuid() == 0
-    become = f"os.setgroups([]), os.setgid({SOMEBODY}), os.setuid({SOMEBODY})" if root else ""
-    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf", become=become), str(place)))
-    if not root:  # of this account it would be an owner, and be signalled
-        os.link(place, scene.folder / "second")
 
 
 def _hung(scene: StopScene) -> None:
@@ -316,11 +293,6 @@ def _hung_announced(scene: StopScene) -> None:
     _tcp(scene)
     scene.environment = {"RIG_RUNTIME_DIR": str(scene.folder / "runtime")}
     scene.hung_owner("announced")
-
-
-def _hung_serial(scene: StopScene) -> None:
-    scene.port = scene.stack.enter_context(scene.board.behind_serial())
-    scene.hung_owner()
 
 
 def _hung_full_disk(scene: StopScene) -> None:
@@ -338,21 +310,11 @@ OBSTACLES: dict[str, Obstacle] = {
     "wrong [habits], unknown table": _habits,
     "configuration is not TOML": _not_toml,
     "wrong values in [stage]": _stage_values,
-    "lock left by a killed owner": _stale_lock,
     "lock cannot be taken": _linked_lock,
-    "another account holds the lock": _other_account,
     "owner hangs": _hung,
-    "announced owner hangs": _hung_announced,
     "announced owner hangs, disk full": _hung_full_disk,
-    "owner of a serial port hangs": _hung_serial,
 }
 """Those through which the bytes go out."""
-
-
-def _alone_hung(scene: StopScene) -> None:
-    """A gateway for one client, which hangs: nobody else can reach the board."""
-    _tcp(scene, clients=1)
-    scene.hung_owner()
 
 
 def _nobody_listens(scene: StopScene) -> None:
@@ -360,10 +322,6 @@ def _nobody_listens(scene: StopScene) -> None:
     number = scene.port.rpartition(":")[2]
     scene.stack.close()
     scene.port = f"tcp://127.0.0.1:{number}"
-
-
-def _no_such_port(scene: StopScene) -> None:
-    scene.port = "/dev/ttyNOWHERE7"
 
 
 def _no_configuration(scene: StopScene) -> None:
@@ -377,9 +335,7 @@ def _wrong_port(scene: StopScene) -> None:
 
 
 WALLS: dict[str, Obstacle] = {
-    "owner hangs at a gateway for one": _alone_hung,
     "nobody listens": _nobody_listens,
-    "no such port": _no_such_port,
     "no configuration": _no_configuration,
     "port is not said": _wrong_port,
 }

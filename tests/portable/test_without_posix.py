@@ -165,8 +165,8 @@ def _script(tmp_path: Path, hold_s: float) -> Path:
 def test_the_product_sees_another_system_and_the_rest_sees_this_one(environment: dict[str, str]) -> None:
     code = """
 import os, signal, socket, sys
-import rig.control.local_socket, rig.cli.signals, rig.transport.ownership as ownership, sim.workers, sim.benchmark
-assert rig.control.local_socket.UNIX is None and rig.cli.signals.STOP_SIGNAL is None
+import rig.control.connection, rig.cli.signals, rig.transport.ownership as ownership, sim.workers, sim.benchmark
+assert not hasattr(rig.control.connection.socket, "AF_UNIX") and rig.cli.signals.STOP_SIGNAL is None
 assert ownership.sys.platform == "win32" and ownership.os.name == "nt" and not hasattr(ownership.os, "fork")
 assert not hasattr(ownership, "fcntl") and not hasattr(sim.benchmark, "resource")
 assert not hasattr(sim.workers.signal, "SIGUSR1") and sim.workers.signal.SIGINT is signal.SIGINT
