@@ -8,6 +8,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NoReturn, Protocol, TypeVar
 
+from rig.clock import real_s
 from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
@@ -272,7 +273,7 @@ class Engine:
 
     @property
     def _now_s(self) -> float:
-        return self.clock.monotonic_s() + self.clock.suspended_s()  # A finger moves while a computer is suspended.
+        return real_s(self.clock)
 
     def _renew_lift(self, force_gwt: float) -> None:
         if self.sensing.zeroed:
