@@ -38,6 +38,11 @@ class Clock(Protocol):
         ...
 
 
+def real_s(clock: Clock) -> float:
+    """Return a time (s) that goes on while the computer is suspended, as a finger does."""
+    return clock.monotonic_s() + clock.suspended_s()
+
+
 class WallClock:
     """Clock of a real run. Outside of a run, run_s() counts from the creation of the clock."""
 

@@ -8,6 +8,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NoReturn, Protocol, TypeVar
 
+from rig.clock import real_s
 from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
@@ -272,7 +273,7 @@ class Engine:
 
     @property
     def _now_s(self) -> float:
-        return self.clock.monotonic_s() + self.clock.suspended_s()  # A finger moves while a computer is suspended.
+        return real_s(self.clock)
 
     def _renew_lift(self, force_gwt: float) -> None:
         if self.sensing.zeroed:
@@ -494,6 +495,7 @@ class Engine:
         top_mm = min(self.settings.habits.park_height_mm, -self.settings.frame.apex_z_mm)
         if not (self.bench.stage.homed and self.sensing.zeroed) or self.height_mm >= top_mm - AT_MM:
             return
+        self.beat(self.sensing.wait_s)
         try:
             force_gwt = self.sensing.settled().force_n / GWT_N
         except NoReadingError:
@@ -576,7 +578,8 @@ class Engine:
             words = "the engine's heartbeat was lost: the stage was stopped and stays where it is"
             self.trip(TripError(words, "heartbeat_lost"))
         if self.contact.may_touch:
-            self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
+            least_s = self.sensing.max_age_s + LOOK_S  # The engine is silent while it waits for a slow sensor.
+            self.heartbeat.beat(max(self.settings.limits.heartbeat_s, least_s) + longer_s)
 
     def guarded(self, action: Callable[[], _T]) -> _T:
         """Call the stage; on failure stop it and raise the error again."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from rig.clock import Clock
+from rig.clock import Clock, real_s
 from rig.devices.base import LOOK_S
 from rig.errors import LimitError, RigError, TripError
 from rig.records import PlannedIndentation
@@ -97,7 +97,7 @@ class ContactTime:
 
     @property
     def _now_s(self) -> float:
-        return self._clock.monotonic_s() + self._clock.suspended_s()  # A suspended computer may leave a touch.
+        return real_s(self._clock)
 
     def begin(self) -> None:
         """Begin contact, unless it has begun."""

@@ -5,7 +5,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from rig.clock import Clock
+from rig.clock import Clock, real_s
 from rig.devices.base import (
     LOOK_S,
     ForceBusy,
@@ -198,7 +198,7 @@ class Sensing:
     @property
     def has_new_reading(self) -> bool:
         """Whether the last reading is no older than one sample, or than one look at a motion."""
-        return self._clock.monotonic_s() - self._read_s <= max(self.sensor.sample_period_s, LOOK_S) + _TINY_S
+        return real_s(self._clock) - self._read_s <= max(self.sensor.sample_period_s, LOOK_S) + _TINY_S
 
     def now(self) -> ForceReading:
         """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
@@ -312,7 +312,7 @@ class Sensing:
 
     def _read(self, wait_s: float) -> ForceReading:
         reading = read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
-        self._read_s = self._clock.monotonic_s()
+        self._read_s = real_s(self._clock)
         return reading
 
     def from_zero(self, reading: ForceReading) -> ForceReading:

@@ -6,7 +6,6 @@ Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (si
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -82,14 +81,6 @@ class ModbusNotDone(ModbusBusy):
     """Error of a request that was not carried out, since the device, or its gateway, is busy."""
 
 
-@dataclass(frozen=True)
-class _Unanswered:
-    """Kind of a request without a reply, and the time (s) until which its reply was awaited."""
-
-    kind: tuple[int, ...]
-    since_s: float
-
-
 def _kind(request: ModbusPDU) -> tuple[int, ...]:
     """Return the part of a request that its reply repeats."""
     return (request.dev_id, request.function_code, request.count)
@@ -127,7 +118,8 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
-        self._unanswered: _Unanswered | None = None
+        # kind of each request without a reply, and until when (s) it was awaited
+        self._unanswered: dict[tuple[int, ...], float] = {}
         self._one = threading.Lock()
         self._times_sent_now = 0  # counted from any thread
         # whether the adapter echoes; None until the first read
@@ -206,7 +198,7 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         for _ in arrived(self._transport):
-            self._unanswered = None  # The data arrived unsolicited.
+            self._unanswered.clear()  # The data arrived unsolicited.
         frame = self._frame(request)
         self._send(frame)
         try:
@@ -217,9 +209,10 @@ class ModbusMaster:
                 raise ModbusGarbled(
                     f"{self._label(request)}: the answer does not match the request ({answer})", "does_not_fit"
                 )
-        except ModbusGarbled as error:
-            if error.code != "late_answer":  # The reply to this request may still follow.
-                self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
+        except ModbusError as error:
+            answered = isinstance(error, ModbusRefused) and not self._late  # else an earlier request may be meant
+            if error.code != "late_answer" and not answered:  # The reply to this request may still follow.
+                self._unanswered[_kind(request)] = self._clock.monotonic_s()
             raise
         return answer
 
@@ -255,7 +248,6 @@ class ModbusMaster:
                     f"{self._label(request)}: device {answer.dev_id} answered instead", "another_device"
                 )
             return answer
-        self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
         code, result = "no_reply", "no answer"
         if received:
             code, result = "incomplete", f"only {received.hex(' ')}"
@@ -286,17 +278,23 @@ class ModbusMaster:
 
     def _refuse_two_answers(self, request: ModbusPDU, received: bytes) -> None:
         """Reject two replies after an unanswered request, since either may be the late one."""
-        late, now_s = self._unanswered, self._clock.monotonic_s()
-        if late is None or not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
+        kind = _kind(request)
+        if not self._rtu or kind not in self._late:
             return
-        until_s = now_s + LISTEN_S + LISTEN_BYTES * self._byte_s
+        until_s = self._clock.monotonic_s() + LISTEN_S + LISTEN_BYTES * self._byte_s
         while (left_s := until_s - self._clock.monotonic_s()) > 0:
             received += self._transport.read(left_s)
         if received:
-            self._unanswered = None
+            self._unanswered.pop(kind, None)
             raise ModbusGarbled(
                 f"{self._label(request)}: a late answer to an earlier request also arrived", "late_answer"
             )
+
+    @property
+    def _late(self) -> set[tuple[int, ...]]:
+        """Kinds of requests whose reply may still arrive."""
+        now_s = self._clock.monotonic_s()
+        return {kind for kind, since_s in self._unanswered.copy().items() if now_s < since_s + LATE_S}
 
     def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
         """Return the rest of the data, and its reply if it is complete."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from rig.bench.virtual import looked_after_by
 from rig.devices.base import ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
@@ -318,6 +319,24 @@ def test_an_engine_that_comes_back_too_late_finds_its_promise_broken() -> None:
     bench.force.shows_gwt = 3.0
     assert engine.reading().force_n == pytest.approx(3.0 * GWT_N)
     assert len(bench.of("trip")) == 1
+
+
+@pytest.mark.parametrize("silent_s", [0.5, 2.9, 4.5])
+def test_the_wait_for_a_dead_sensor_loses_no_heartbeat(silent_s: float) -> None:
+    """A cell that sends a line every second or two is waited for as long; then the indentor leaves the finger."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    engine.sensing.max_age_s = silent_s
+
+    def silent() -> None:
+        bench.clock.wait_s(silent_s)
+        raise ForceTimeout("no line")
+
+    bench.force.at_read = silent
+    with looked_after_by(bench.clock, engine.heartbeat), raises(TripError, "no_reading"):
+        engine.reading()
+    assert "stop" not in bench.stage.told
+    assert bench.height_mm == 2.0
 
 
 # --- a stage that leaves its way ---

@@ -1,6 +1,7 @@
 """The Modbus master as pairs of bytes, RTU and TCP, on the virtual clock."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -248,6 +249,30 @@ def test_after_a_silent_bus_two_rtu_answers_are_both_discarded(
     begun_s = clock.monotonic_s()
     assert bus.read(1, 7, 2) == [0, 2]
     assert clock.monotonic_s() - begun_s == pytest.approx(0.005), "the late one has come"
+
+
+OLD_2, NEW_2 = "01 03 04 00 00 00 01", "01 03 04 00 00 00 02"
+LATER: dict[str, dict[str, list[tuple[float, str]]]] = {
+    "a lost reply of another kind came between": {"read": [(0.41, OLD_2)], "write": []},
+    "the late refusal of a write was taken for its own": {"write": [(0.205, "01 86 04")], "read": [(0.012, OLD_2)]},
+}
+"""Earlier requests, which fail, and what replies to each, so long after it (s)."""
+
+
+@pytest.mark.parametrize("earlier", LATER.values(), ids=LATER)
+def test_no_modbus_read_takes_the_late_reply_to_an_earlier_one(
+    clock: VirtualClock, rtu: Rtu, earlier: dict[str, list[tuple[float, str]]]
+) -> None:
+    """Both reads are of two registers, so that their replies look alike."""
+    came = [*earlier.values(), [(0.015, NEW_2)]]
+    wire = LateTransport(clock, [[(after_s, rtu(digits)) for after_s, digits in replies] for replies in came])
+    bus = ModbusMaster(wire, clock, read_tries=1)
+    bus.echoes = False
+    for what in earlier:
+        with pytest.raises(ModbusError):
+            bus.read(1, 7, 2) if what == "read" else bus.write_one(1, 7, 1)
+    with suppress(ModbusGarbled):
+        assert bus.read(1, 9, 2) == [0, 2]
 
 
 def test_a_modbus_exchange_waits_for_another_thread_at_most_two_replies(

@@ -214,6 +214,19 @@ def test_no_descent_begins_on_a_finger_that_came_up_since_the_last_reading(
     assert min(sample.height_mm for sample in bench.witness.samples[so_far:]) > stood.height_mm - 0.01
 
 
+@pytest.mark.quick(rows=few)
+def test_a_descent_after_the_computer_was_suspended_begins_with_a_reading(bench: FingerBench) -> None:
+    engine = bench.ready()
+    indent(engine, Target("doi_mm", 0.3))
+    bench.clock.slept_s += 3600.0
+    bench.finger.moves(in_s(bench, 0.0), 2.3, 1e4)
+    bench.clock.wait_s(0.06)
+    stood, so_far = bench.witness.now(), len(bench.witness.samples)
+    with suppress(*ENDINGS):
+        indent(engine, Target("doi_mm", 0.3))
+    assert min(sample.height_mm for sample in bench.witness.samples[so_far:]) > stood.height_mm - 0.01
+
+
 # --- rests are watched ---
 
 
