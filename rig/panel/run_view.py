@@ -20,7 +20,6 @@ from rig.panel.section import Job, PressSummary
 from rig.panel.stream import SHOWN_S, ReadingSource, Row
 from rig.plan.config import Config, load_config
 from rig.session.early_ending import Ending
-from rig.units import GWT_N
 
 
 def age_s(then_s: float | None, now_s: float) -> float | None:
@@ -53,22 +52,9 @@ def written_s(run: Path) -> float:
     return about.st_mtime if stat.S_ISREG(about.st_mode) else 0.0
 
 
-def limits_state(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
-    """Return trips, margins of the newest force (None without one), and the deepest press."""
-    trips = Trips(config.limits, soft_trip_n)
-    found: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
-    for name, margin, trip_gwt in (
-        ("trip", "margin", trips.soft_gwt),
-        ("hard_trip", "hard_margin", trips.hard_gwt),
-    ):
-        left_gwt = None if force_gwt is None else trip_gwt - abs(force_gwt)
-        found |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
-    return found
-
-
-def in_both(name: str, force_gwt: float | None) -> dict[str, float | None]:
-    """Return a force under its name in both units."""
-    return {f"{name}_gwt": force_gwt, f"{name}_n": None if force_gwt is None else force_gwt * GWT_N}
+def limits_state(config: Config, soft_trip_n: float | None) -> dict[str, float]:
+    """Return the trip and the deepest press."""
+    return {"trip_gwt": Trips(config.limits, soft_trip_n).soft_gwt, "max_doi_mm": config.limits.max_doi_mm}
 
 
 def attention(
@@ -93,6 +79,8 @@ AT_ONCE = 1 << 20
 """Bytes per read of a journal; of its readings the last minute is kept in memory."""
 
 
+MOVED_MM = 0.01
+"""Change of height (mm) after which the depth of the last reading no longer holds."""
 WAIT = "wait for the run's last word on the indentor; in danger use the emergency stop"
 
 
@@ -164,6 +152,8 @@ class RunView(RunFollower):
         """Apply the next document; a virtual run has its own calendar, so its events count when they were written."""
         at_s = self._written_s
         document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
+        if document["doc"] == "resume":
+            self._trip = ""
         super().apply(document)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
@@ -248,8 +238,11 @@ class RunView(RunFollower):
         """Return `newest` of the state: the last reading, and the last recorded position, with their ages."""
         found, (t_s, read_s) = self.newest, self.newest_s
         end = {} if self.stop is None else self.stop.get("indentor", {})
-        values = {name: found.get(name) for name in ("force_gwt", "doi_mm", "phase")}
+        values = {name: found.get(name) for name in ("force_gwt", "doi_mm")}
+        values["phase"] = found.get("phase") if self.stop is None else None
         values |= {name: end.get(name, getattr(self, name)) for name in ("x_mm", "height_mm")}
+        if abs((values["height_mm"] or 0.0) - (found.get("height_mm") or 0.0)) > MOVED_MM:  # since the reading
+            values["doi_mm"] = None
         along_mm = 0.0 if self.placed is None else float(self.placed.along_mm)
         ages = {"age_s": age_s(read_s, unix_s), "placed_age_s": age_s(self._placed_s, unix_s)}
         return {**values, "y_mm": along_mm, "t_s": t_s, **ages}
@@ -266,7 +259,7 @@ class RunView(RunFollower):
         """Return `limits` of the state, from the run's own copy of its configuration."""
         if self._config is None:
             return None
-        return limits_state(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
+        return limits_state(self._config, self.start.get("soft_trip_n"))
 
     def schedule_state(self) -> list[dict[str, Any]]:
         """Return the steps of the run."""

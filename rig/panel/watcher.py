@@ -115,7 +115,7 @@ class BenchView:
 
     def limits_state(self) -> dict[str, Any] | None:
         """Return `limits` of the state."""
-        return None if self._config is None else limits_state(self._config, None, self._status.get("force_gwt"))
+        return None if self._config is None else limits_state(self._config, None)
 
 
 LOOK_S, ASK_S, FIND_S = 0.05, 0.1, 1.0

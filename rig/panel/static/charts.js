@@ -227,7 +227,7 @@ export class Traces {
 }
 
 const SVG = "http://www.w3.org/2000/svg";
-const [ABOVE_MM, BELOW_MM] = [4, 7];
+const [ABOVE_MM, BELOW_MM, FADES_MM] = [4, 7, 5]; // FADES_MM: beside the computed patch its displacement fades out
 
 /** The finger's section to scale: the skin as predicted at the present depth, and the indentor on it. */
 export class Section {
@@ -242,8 +242,8 @@ export class Section {
 
   state({ run, newest }) {
     this.run = run?.name ?? null;
-    this.reading = { ...this.reading, x_mm: newest?.x_mm, height_mm: newest?.height_mm };
-    if (known(newest?.age_s) && newest.age_s > 1) this.reading.doi_mm = null; // where it is now, nobody has read
+    const { x_mm, height_mm, doi_mm } = newest ?? {};
+    this.reading = { ...this.reading, x_mm, height_mm, doi_mm: doi_mm ?? null };
   }
 
   readings({ columns, rows }) {
@@ -334,7 +334,9 @@ export class Section {
     const [from, to] = [line[0][0], line.at(-1)[0]];
     const within = ([x, z]) => z > this.middle_mm && x > from && x < to;
     const first = skin.findIndex(within);
-    const rest = [...skin.slice(first), ...skin.slice(0, first)].filter((point) => !within(point));
+    const sunk = [line[0], line.at(-1)].map(([x, z]) => [x, z - (interpolated(x, ...this.upper) ?? z)]);
+    const fade = ([x, z]) => [x, sunk.reduce((sum, [end, by]) => sum + by * Math.max(0, 1 - Math.hypot(x - end, z - this.highest_mm) / FADES_MM), z)];
+    const rest = [...skin.slice(first), ...skin.slice(0, first)].filter((point) => !within(point)).map(fade);
     const rightwards = Math.abs((rest.at(-1) ?? line[0])[0] - from) < Math.abs((rest.at(-1) ?? line[0])[0] - to);
     this.skin.setAttribute("d", path([...rest, ...(rightwards ? line : line.reverse())]));
     const [xs, zs] = [frame.skin.map(([x]) => x), frame.skin.map(([, z]) => z)];

@@ -133,7 +133,7 @@ class Numbers {
 
   /** Keep values of the latest time. */
   newer(when, values, names, kind) {
-    if (when === null || (this[kind] !== null && when.unix_s < this[kind].unix_s)) return;
+    if (when === null || (this[kind] !== null && when.unix_s < this[kind].unix_s - 0.05)) return;
     if (this[kind] === null || when.unix_s > this[kind].unix_s) this[kind] = when;
     for (const name of names) if (name in values) this.newest[name] = values[name];
     this.y_moves ||= Boolean(this.newest.y_mm);
@@ -143,7 +143,7 @@ class Numbers {
     const { force_gwt, doi_mm, x_mm, y_mm, height_mm, phase } = this.newest;
     const { trip_gwt, max_doi_mm } = this.limits ?? {};
     write("force_gwt", fixed(force_gwt, 2));
-    mark(at("force_gwt").parentElement, "long", fixed(force_gwt, 2).length > 5);
+    mark(at("force_gwt").parentElement, "long", fixed(force_gwt, 2).length > 4);
     write("force_n", known(force_gwt) ? fixed(force_gwt * N_PER_GWT, 4) : "–");
     write("depth_words", known(doi_mm) ? `${inMm(doi_mm, 3)} (${fixed(doi_mm * 1000, 0)} µm)` : "–");
     write("x_words", inMm(x_mm, 2));
@@ -396,7 +396,8 @@ const HEADINGS = { tripped: "TRIPPED", aborted: "STOPPED", limited: "REFUSED BY 
 function attend(attention) {
   show("attention", attention !== null);
   if (attention === null) return;
-  at("attention").className = `banner ${attention.may_touch || attention.status !== "incomplete" ? "bad" : ""}`;
+  const calm = !attention.may_touch && ["aborted", "limited", "incomplete"].includes(attention.status);
+  at("attention").className = calm ? "banner" : "banner bad";
   write("attention_title", `${HEADINGS[attention.status] ?? attention.status}: ${attention.reason_text}`, attention.status);
   write("attention_where", attention.where_text ?? "–");
   write("attention_next", attention.next_text ?? "–");
