@@ -18,8 +18,8 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HOST = "127.0.0.1"
-MOST_CONNECTIONS = 128
-"""Open connections of a server; of more, the oldest one that has not shown the token gives way."""
+MOST_GUESTS, MOST_KNOWN = 320, 64
+"""Open connections of a server, without and with the token; of more, the oldest gives way."""
 HEADER_S = 5.0
 """Longest time until the first request (s)."""
 HELD_S = 300
@@ -75,48 +75,63 @@ class Reserve:
             os.close(self._spare.pop())
 
 
+class Group(dict["Connection", None]):
+    """Connections of a server, the oldest first."""
+
+
 class Connection(H11Protocol):
     """Connection that gives way to a newer one, unless it has shown the token."""
 
-    def __init__(self, has_token: HasToken, reserve: Reserve, **of_the_server: Any) -> None:
-        super().__init__(**of_the_server)
-        self._has_token, self._reserve = has_token, reserve
-        self._received, self.known = 0, False
+    def __init__(self, has_token: HasToken, reserve: Reserve, guests: Group, known: Group, **more: Any) -> None:
+        super().__init__(**more)
+        self._has_token, self._reserve, self._guests, self._known = has_token, reserve, guests, known
+        self._received = 0
 
     @property
-    def rank(self) -> tuple[bool, bool, float]:
-        """Order in which connections give way: without the token, idle, old."""
-        return self.known, not (self.cycle is None or self.cycle.response_complete), self.since_s
+    def idle(self) -> bool:
+        """Whether no request waits for its answer."""
+        return not self.cycle or self.cycle.response_complete
 
     def abort(self) -> None:
         """Close the connection at once."""
-        self.connections.discard(self)
+        self._forget()
         self.transport.abort()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Let the oldest connection give way to this one."""
         super().connection_made(transport)
-        self.since_s = self.loop.time()
+        self._guests[self] = None
         self.loop.call_later(HEADER_S, self._end_if_silent)
-        most = _FEW if self._reserve.short else MOST_CONNECTIONS
-        others = [one for one in self.connections if isinstance(one, Connection)]
-        for one in sorted(others, key=lambda one: one.rank)[: max(0, len(others) - most)]:
-            one.abort()
+        while len(self._guests) > (_FEW if self._reserve.short else MOST_GUESTS):
+            next(iter(self._guests)).abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Make room for another connection."""
+        super().connection_lost(exc)
+        self._forget()
 
     def data_received(self, data: bytes) -> None:
         """Serve requests, and note the first one with the token."""
         super().data_received(data)
         self._received += len(data)
-        if self.known:
+        if self not in self._guests:
             return
         if self.headers and self._has_token(self.headers):
-            self.known, self.timeout_keep_alive = True, HELD_S
+            self.timeout_keep_alive = HELD_S
+            del self._guests[self]
+            if len(self._known) >= MOST_KNOWN:
+                next((one for one in self._known if one.idle), next(iter(self._known))).abort()
+            self._known[self] = None
         elif self._received > _MOST_GUEST_BYTES:
             self.abort()
 
     def send_400_response(self, msg: str) -> None:
         """Refuse an invalid request with a line of JSON, as all others."""
         super().send_400_response(json.dumps({"ok": False, "problem": msg, "code": "bad_request"}))
+
+    def _forget(self) -> None:
+        self._guests.pop(self, None)
+        self._known.pop(self, None)
 
     def _end_if_silent(self) -> None:
         if not self.headers:
@@ -127,8 +142,10 @@ class Server(uvicorn.Server):
     """Server on a bound socket, which leaves signals to the panel."""
 
     def __init__(self, app: Any, listener: socket.socket, has_token: HasToken, reserve: Reserve) -> None:
+        guests, known = Group(), Group()
+
         def connection(**of_the_server: Any) -> asyncio.Protocol:
-            return Connection(has_token, reserve, **of_the_server)
+            return Connection(has_token, reserve, guests, known, **of_the_server)
 
         super().__init__(
             uvicorn.Config(

@@ -233,6 +233,8 @@ class Schedule {
   look() {
     const { run } = this;
     const ended = run && run.state !== "running";
+    const here = at("steps").querySelector("[aria-current] span");
+    if (here) here.textContent = ended ? "ended" : "now";
     if (ended) write("left_words", run.state, run.state);
     else if (known(run?.left_s)) write("left_words", `${asClock(run.left_s)} left`, "left");
     else write("left_words", "time left unknown", "unknown");
