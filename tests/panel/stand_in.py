@@ -19,7 +19,6 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-NOT_THERE = (404, "text/plain", b"")
 TOKEN = "a-token"
 COLUMNS = ("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "index", "purpose")
 
@@ -134,10 +133,14 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
                 self._send(200, "application/json", json.dumps({"runs": found, "unreadable": []}).encode())
             else:
                 file = STATIC / ("index.html" if path == "/" else path.removeprefix("/static/"))
-                self._send(*((200, KINDS[file.suffix], file.read_bytes()) if file.is_file() else NOT_THERE))
+                if not file.is_file():
+                    self._send(404, "text/plain", b"")
+                    return
+                data = file.read_bytes().replace(b"STOP_PORT", str(one.port).encode())  # its own port takes STOP, too
+                self._send(200, KINDS[file.suffix], data)
 
         def do_HEAD(self) -> None:
-            if self.path == "/events" and self.headers["X-Rig-Token"] == TOKEN:
+            if self.path == "/stop" and self.headers["X-Rig-Token"] == TOKEN:
                 one.stays.append(self.client_address[1])
             self.send_response(200)
             self.send_header("Content-Length", "0")
