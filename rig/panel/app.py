@@ -47,7 +47,7 @@ def applications(
     room_for_stop: frees descriptors for a stop. The page's own port takes a stop, too.
     """
     files, stops = RunFiles(watcher.out), Stops(watcher, room_for_stop)
-    page = (STATIC / "index.html").read_text("utf-8").replace("STOP_PORT", str(address.stop_port))
+    page = (STATIC / "index.html").read_text("utf-8").replace("{STOP PORT}", str(address.stop_port))
 
     async def show(request: Request) -> Response:
         return HTMLResponse(page)

@@ -119,13 +119,3 @@ def test_stop_works_from_every_focus_and_every_tab_with_the_token(bench: Bench, 
     expect(stranger.locator("#stop_key")).to_have_attribute(*coded("no_token"))
     stranger.locator("#stop").click()
     expect(stranger.locator("#stop_words")).to_have_attribute(*coded("not_allowed"))
-
-
-def test_stop_needs_no_new_connection(running: StandIn, opened: Opened) -> None:
-    running.state["controls"] = "another"  # the page asks for nothing else before
-    page = opened(running.address)
-    until(lambda: running.stays)
-    page.locator("#watching").wait_for()
-    page.locator("#stop").click()
-    expect(page.locator("#stop_said")).to_have_class("good")
-    assert set(running.stays) & {one.connection for one in running.asked if one.path == "/stop"}

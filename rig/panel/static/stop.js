@@ -73,6 +73,7 @@ export async function post(path, body = {}, more = {}) {
 // --- STOP ---
 
 const STOP_PORT = `http://${location.hostname}:${document.documentElement.dataset.stopPort}/stop`;
+const stopOptions = () => ({ ...options(), cache: "default" }); // else the browser asks for permission each time
 const LOUD_MS = 300;
 const FINAL = [200, 403, 409];
 const NOT_CONFIRMED = "STOP NOT CONFIRMED: USE THE EMERGENCY STOP";
@@ -88,8 +89,8 @@ let loud = null;
 /** Every press sends a request; one that follows before there is a reply belongs to the same stop. */
 function stop(event) {
   const of = pressed_ms === null ? number + 1 : number;
-  post(STOP_PORT, {}, { keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
-  if (of > number) worker.postMessage({ addresses: [STOP_PORT, "/stop"], options: options(), of });
+  post(STOP_PORT, {}, { ...stopOptions(), keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
+  if (of > number) worker.postMessage({ addresses: [STOP_PORT, "/stop"], options: stopOptions(), of });
   event.preventDefault();
   if (of === number) return;
   number = of;
@@ -130,7 +131,7 @@ function tell(how, code, words) {
 
 /** Keep a connection open, so that STOP needs no new one while other programs flood the server with theirs. */
 function stay() {
-  if (hasToken()) fetch(STOP_PORT, { ...options(), method: "HEAD" }).catch(() => {});
+  if (hasToken()) fetch(STOP_PORT, { ...stopOptions(), method: "HEAD" }).catch(() => {});
 }
 
 function arm() {
