@@ -72,7 +72,6 @@ REAL_TIME = (
     "rig/test_journal_behind.py",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
-    "rig/panel/test_descriptors.py",
     "rig/panel/test_posts.py",
     "rig/test_damaged_journal.py::test_a_stop_during_the_report_after_a_trip_leaves_the_reason_of_the_trip",
     "rig/test_ownership.py",
