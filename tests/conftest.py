@@ -307,7 +307,6 @@ LONG = (
     "sim/test_strain_map.py",
     "rig/test_every_end.py",
     "sim/test_own_finger.py",
-    "panel/test_accessible.py",
     "sim/test_speed_and_error.py",
     "sim/test_identification_forces.py",
     "rig/identify/test_identified_finger_in_a_run.py",
