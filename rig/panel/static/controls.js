@@ -83,10 +83,10 @@ export class Controls {
     if (!hand) return [["starting", "starting manual control …"]];
     const parts = [
       ["busy", hand.busy && `busy: ${hand.busy}`],
-      ["ended", hand.ended_by],
-      ["contact", hand.contact?.may_touch && hand.contact.where_text],
-      ["stopped", hand.stopped && "stopped"],
-      ["next", hand.next],
+      ["ended", !attention && hand.ended_by], // else the notice has it, and what follows
+      ["contact", !attention && hand.contact?.may_touch && hand.contact.where_text],
+      ["next", !attention && hand.next],
+      ["stopped", hand.stopped && "stopped: only Home moves"],
       ["not_homed", !hand.homed && "not homed"],
       ["not_zeroed", !hand.zeroed && "not zeroed"],
     ].filter(([, words]) => words);
