@@ -178,12 +178,14 @@ def test_nothing_is_drawn_where_nothing_was_read(bench: Bench, opened: Opened) -
 def test_the_indentor_stands_on_the_skin_as_it_is_pressed_in(bench: Bench, opened: Opened) -> None:
     one = bench(scenes.running())
     page = _filled(one, opened)
+    one.state["newest"] |= {"doi_mm": 0.25, "x_mm": 0.0, "height_mm": -0.31}
     _read(one, 2.0, doi_mm=0.25, x_mm=0.0, height_mm=-0.31)
     indentor = page.locator("#section .indentor")
     expect(indentor).to_have_attribute("transform", re.compile(r"translate\(0 -0\.2[45]\d*\)"))
     expect(page.locator("#section .contact")).to_have_count(1)
     skin = page.locator("#section .skin").get_attribute("d")
     assert "L0 -0.25" in skin
+    one.state["newest"] |= {"doi_mm": None, "height_mm": 1.5}
     _read(one, 0.0, doi_mm=None, x_mm=0.0, height_mm=1.5, index=-1)
     expect(indentor).to_have_attribute("transform", "translate(0 1.5)")
     expect(page.locator("#section .contact")).to_have_count(0)
