@@ -5,30 +5,30 @@ import contextlib
 import secrets
 import signal
 import socket
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Mount, Route
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rig.clock import WallClock
 from rig.control.client import announced
 from rig.control.owner_socket import quick_switches
-from rig.panel.access import EVENTS, Gate, has_token
-from rig.panel.connections import BACKLOG, MOST_HEADER, Connections, FewLines
-from rig.panel.drawing import Drawer
+from rig.panel.access import EVENTS, Address, Gate
 from rig.panel.owners import Find, ManualProcess
-from rig.panel.requests import Posts, RequestError
+from rig.panel.requests import Posts, RequestError, Stops
 from rig.panel.run_files import RunFiles
+from rig.panel.section import Sections
+from rig.panel.server import HOST, Once, Reserve, Server, bound
 from rig.panel.stream import MOST_STREAMS, stream
 from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import load_config
@@ -36,31 +36,45 @@ from rig.plan.config import load_config
 STATIC = Path(__file__).parent / "static"
 
 
-def application(
+def applications(
     watcher: Watcher,
     bench: ManualProcess,
-    port: int,
-    token: str,
+    address: Address,
     room_for_stop: Callable[[], AbstractContextManager[None]] = contextlib.nullcontext,
-) -> ASGIApp:
-    """Return the application; the caller runs the watcher. room_for_stop: frees descriptors for a stop."""
-    files = RunFiles(watcher.out)
-    routes = [
-        Route("/", _page, methods=["GET"]),
+) -> tuple[ASGIApp, ASGIApp]:
+    """Return the application of the page and that of STOP; the caller runs the watcher.
+
+    room_for_stop: frees descriptors for a stop. The page's own port takes a stop, too.
+    """
+    files, stops = RunFiles(watcher.out), Stops(watcher, room_for_stop)
+    page = (STATIC / "index.html").read_text("utf-8").replace("{STOP PORT}", str(address.stop_port))
+
+    async def show(request: Request) -> Response:
+        return HTMLResponse(page)
+
+    routes: list[BaseRoute] = [
+        Route("/", show, methods=["GET"]),
         Route(EVENTS, _Events(watcher), methods=["GET"]),
         Route("/runs.json", files.catalogue, methods=["GET"]),
         Route("/runs/{name}/", files.files, methods=["GET"]),
         Route("/runs/{name}/{file}", files.file, methods=["GET"]),
-        *Posts(watcher, bench, room_for_stop).routes,
+        stops.route,
+        *Posts(watcher, bench).routes,
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]
+    alone: list[BaseRoute] = [stops.route, Route("/stop", _kept_open, methods=["HEAD"])]
+    return Gate(_app(routes), address), Gate(_app(alone), address, for_stop=True)
+
+
+def _app(routes: list[BaseRoute]) -> ASGIApp:
     app = Starlette(routes=routes, exception_handlers={HTTPException: _refused, RequestError: _refused})
     app.router.redirect_slashes = False
-    return Gate(app, port, token)
+    return app
 
 
-async def _page(request: Request) -> Response:
-    return FileResponse(STATIC / "index.html", media_type="text/html")
+async def _kept_open(request: Request) -> Response:
+    """Answer a page that keeps a connection open, so that STOP needs no new one."""
+    return Response()
 
 
 async def _refused(request: Request, error: Exception) -> Response:
@@ -95,7 +109,6 @@ class _Events:
             tabs.closed(tab, clock.monotonic_s())
 
 
-HOST = "127.0.0.1"
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -109,119 +122,81 @@ class Offered:
 
 
 class Panel:
-    """Panel server; its `url` exists before it starts, and contains the token in a part that is never logged."""
+    """Panel server; its `url` exists before it starts, and contains the token in a part that is never logged.
+
+    STOP has a port, a thread and a loop of its own, so that nothing that the page loads holds it up.
+    """
 
     def __init__(self, offered: Offered, find: Find = announced) -> None:
-        """Bind the port. Raises BadInputError, OSError if the port is taken."""
+        """Bind the ports. Raises BadInputError, OSError if the port is taken."""
         config = None if offered.config is None else load_config(offered.config)
-        self._socket = _bound(offered.port)
-        self.port = int(self._socket.getsockname()[1])
-        self._token = secrets.token_urlsafe(32)
+        self._sockets = _both(offered.port)
+        self.port, self.stop_port = (int(one.getsockname()[1]) for one in self._sockets)
+        self._address = Address(self.port, self.stop_port, secrets.token_urlsafe(32))
         self._bench = ManualProcess(offered.config, find)
+        self._reserve = Reserve()
         bench = BenchView(offered.config, config)
         self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
         self._watcher.last_line = lambda: self._bench.last_line
-        self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
-        clock = self._watcher.clock
-        connections = Connections(self._socket, lambda headers: has_token(headers, self._token), clock)
-        app = application(self._watcher, self._bench, self.port, self._token, connections.room_for_stop)
-        self._server = _Server(_quiet(app), connections, self._watcher.outlet.close)
-        self._lines = FewLines(clock)
+        self._sections = Sections(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
+        apps = applications(self._watcher, self._bench, self._address, self._reserve.freed)
+        self._server, self._stop_server = (
+            Server(app, listener, self._address.has_token, self._reserve)
+            for app, listener in zip(apps, self._sockets, strict=True)
+        )
 
     @property
     def url(self) -> str:
         """Address for the browser; the part after # is not sent to a server."""
-        return f"http://{HOST}:{self.port}/#token={self._token}"
+        return f"http://{HOST}:{self.port}/#token={self._address.token}"
 
     def serve(self) -> None:
         """Serve until Ctrl-C, another terminating signal, or `end`; manual control then ends."""
+        stops = threading.Thread(target=lambda: asyncio.run(self._stop_server.run_here()), name="stop port")
         try:
             with (
                 quick_switches(),
-                self._lines.filtering(),
+                Once().filtering(),
                 contextlib.suppress(KeyboardInterrupt),  # Signals may not reach the loop.
-                asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner,  # Others cannot watch a socket.
             ):
-                runner.run(self._serve())
+                self._reserve.fill()
+                stops.start()
+                asyncio.run(self._serve())
         finally:
-            self._socket.close()
-            self._drawer.close()
+            self._stop_server.should_exit = True
+            stops.join()
+            for one in self._sockets:
+                one.close()
+            self._reserve.close()
             self._bench.leave()
             self._bench.forget()
 
     def end(self) -> None:
         """End the server; may be called from any thread."""
+        self._watcher.outlet.closed = True  # The streams have no end of their own.
         self._server.should_exit = True
 
     async def _serve(self) -> None:
         """Serve, and raise the first failure."""
-        self._end_at_signals()
-        serving = asyncio.create_task(self._server.serve(sockets=[]))
-        polling = [asyncio.create_task(one.follow()) for one in (self._watcher, self._drawer)]
+        for number in _SIGNALS:
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # outside of the main thread
+                asyncio.get_running_loop().add_signal_handler(number, self.end)
+        serving = asyncio.create_task(self._server.run_here())
+        polling = [asyncio.create_task(one.follow()) for one in (self._watcher, self._sections)]
         await asyncio.wait([serving, *polling], return_when=asyncio.FIRST_COMPLETED)
-        self._server.should_exit = True
+        self.end()
+        self._watcher.outlet.close()
         await serving
         for task in polling:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
-    def _end_at_signals(self) -> None:
-        for number in _SIGNALS:
-            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # outside of the main thread
-                asyncio.get_running_loop().add_signal_handler(number, self.end)
 
-
-class _Server(uvicorn.Server):
-    """Server that leaves signals and connections to the panel, and closes the endless streams at its end."""
-
-    def __init__(self, config: uvicorn.Config, connections: Connections, close: Callable[[], None]) -> None:
-        super().__init__(config)
-        self._connections, self._close = connections, close
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Leave signals alone."""
-        yield
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start without a listener, and serve the panel's connections."""
-        await super().startup(sockets)
-        state = {"server_state": self.server_state, "app_state": self.lifespan.state}
-        self._connections.begin(config=self.config, **state)
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close the streams, and shut down."""
-        self._connections.close()
-        self._close()
-        await super().shutdown(sockets)
-
-
-def _quiet(app: object) -> uvicorn.Config:
-    """Disable access logs and the server header."""
-    return uvicorn.Config(
-        app,  # type: ignore[arg-type]
-        loop="asyncio",
-        http="h11",
-        ws="none",
-        lifespan="off",
-        access_log=False,
-        log_config=None,
-        proxy_headers=False,
-        server_header=False,
-        h11_max_incomplete_event_size=MOST_HEADER,
-        timeout_graceful_shutdown=2,
-    )
-
-
-def _bound(port: int) -> socket.socket:
-    """Return a listening socket. Raises OSError, which names the port."""
-    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+def _both(port: int) -> tuple[socket.socket, socket.socket]:
+    """Return the sockets of the page and of STOP: the next port, or any free one if that is taken. Raises OSError."""
+    first = bound(port)
     try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind((HOST, port))
-        found.listen(BACKLOG)
-    except OSError as error:
-        found.close()
-        raise OSError(error.errno, error.strerror, f"{HOST}:{port}") from None
-    return found
+        return first, bound(first.getsockname()[1] + 1)
+    except (OSError, OverflowError):
+        return first, bound(0)

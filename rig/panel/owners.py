@@ -116,7 +116,7 @@ def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor)
     stopped = [one.pid for one, answer in zip(targets, answers, strict=True) if not isinstance(answer, ControlError)]
     if not stopped:
         raise RefusedError("; ".join(map(str, answers)), "all_refuse")
-    return {"stopped": stopped, "words": f"the stop reached process {', '.join(map(str, stopped))}"}
+    return {"stopped": stopped, "words": f"process {', '.join(map(str, stopped))} has stopped the stage"}
 
 
 def _to_be_stopped(owners: Sequence[Owner]) -> list[Owner]:

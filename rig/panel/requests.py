@@ -5,7 +5,7 @@ import json
 import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, suppress
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -168,6 +168,7 @@ class BoundedPool:
 
 Body = Mapping[str, Any]
 PostAnswer = Mapping[str, Any]
+Action = Callable[[Body], Awaitable[PostAnswer]]
 
 FRESH_S = 0.5
 """Age from which a click no longer counts (s)."""
@@ -177,68 +178,26 @@ _NOT_YET = "stop sent, no answer yet: use the emergency stop"
 _NOT_YET_CODE = "not_answered_yet"
 
 
-class Posts:
-    """Handlers of the requests that change something."""
+async def answered(do: Callable[[str, Body], Awaitable[PostAnswer]], request: Request) -> Response:
+    """Return the response to a valid request of a tab."""
+    body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
+    if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
+        raise RequestError(f"{TAB_HEADER}: must be the name of the tab", "no_tab")
+    try:
+        return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
+    except (NoOwnerError, ControlError, NotTakenError) as error:
+        status = 409 if isinstance(error, NoOwnerError | RefusedError) else 503
+        return JSONResponse({"ok": False, "problem": str(error), "code": error.code}, status)
 
-    def __init__(
-        self,
-        watcher: Watcher,
-        bench: ManualProcess,
-        room_for_stop: Callable[[], AbstractContextManager[None]] = nullcontext,
-    ) -> None:
-        self._watcher, self._bench, self._room_for_stop = watcher, bench, room_for_stop
-        self._asking = BoundedPool(_THREADS, "post", "the previous request is still pending; wait for its answer")
+
+class Stops:
+    """Handler of STOP, which any tab may request, on the page's port and on its own."""
+
+    def __init__(self, watcher: Watcher, room_for_stop: Callable[[], AbstractContextManager[None]]) -> None:
+        self._watcher, self._room_for_stop = watcher, room_for_stop
         self._stopping = BoundedPool(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
         self._each = ThreadPoolExecutor(64, "stopped")
-
-    @property
-    def routes(self) -> list[Route]:
-        """Routes of all requests."""
-        with_controls: dict[str, Callable[[str, Body], Awaitable[PostAnswer]]] = {
-            "pause": self._of_the_run("pause"),
-            "go_on": self._of_the_run("go_on"),
-            "by_hand": self._take_the_bench,
-            "leave": self._leave,
-            "home": self._by_hand("home"),
-            "zero": self._zero,
-            "park": self._by_hand("park"),
-            "step": self._step,
-        }
-        routes = [Route(f"/{name}", self._guarded(do), methods=["POST"]) for name, do in with_controls.items()]
-        free = {"stop": self._stop, "take": self._take}
-        return routes + [Route(f"/{name}", self._answered(do), methods=["POST"]) for name, do in free.items()]
-
-    # --- replies ---
-
-    def _guarded(self, do: Callable[[str, Body], Awaitable[PostAnswer]]) -> Callable[[Request], Awaitable[Response]]:
-        """Allow a request only from the tab that has control."""
-
-        async def guarded(tab: str, body: Body) -> PostAnswer:
-            if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
-                raise NoOwnerError("another tab has control; take control first", "another_tab")
-            return await do(tab, body)
-
-        return self._answered(guarded)
-
-    def _answered(self, do: Callable[[str, Body], Awaitable[PostAnswer]]) -> Callable[[Request], Awaitable[Response]]:
-        async def answered(request: Request) -> Response:
-            body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
-            if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
-                raise RequestError(f"{TAB_HEADER}: must be the name of the tab", "no_tab")
-            try:
-                return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
-            except (NoOwnerError, RefusedError) as error:
-                return _problem(409, error)
-            except (ControlError, NotTakenError) as error:
-                return _problem(503, error)
-
-        return answered
-
-    # --- actions ---
-
-    async def _take(self, tab: str, body: Body) -> PostAnswer:
-        self._watcher.tabs.take(tab, self._watcher.clock.monotonic_s())
-        return {}
+        self.route = Route("/stop", partial(answered, self._stop), methods=["POST"])
 
     async def _stop(self, tab: str, body: Body) -> PostAnswer:
         """Send the stop at once, in this thread, to every known owner.
@@ -261,14 +220,14 @@ class Posts:
             owners = self._watcher.find()
         except OSError:
             owners = self._watcher.owners
-        settings, answered = self._watcher.bench.settings, threading.Event()
-        sent = None if settings is None else self._each.submit(_sent_without_owner, settings, owners, answered)
+        settings, confirmed = self._watcher.bench.settings, threading.Event()
+        sent = None if settings is None else self._each.submit(_sent_without_owner, settings, owners, confirmed)
         try:
             return stop_all(owners, stops, self._each)
         except RefusedError as error:
             return error
         except (NoOwnerError, ControlError) as error:
-            answered.set()
+            confirmed.set()
             if settings is None or sent is None:
                 return error
             stop = sent.result() or send_stop(settings)
@@ -277,61 +236,14 @@ class Posts:
             words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
             return ControlError(words, "not_confirmed" if stop.sent else "not_sent")
         finally:
-            answered.set()
-
-    def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
-        async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._reply_of("run", do)
-
-        return done
-
-    def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
-        async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._reply_of("by hand", do)
-
-        return done
-
-    async def _zero(self, tab: str, body: Body) -> PostAnswer:
-        return await self._reply_of("by hand", "zero", anyway=flag("anyway", body))
-
-    async def _take_the_bench(self, tab: str, body: Body) -> PostAnswer:
-        self._refuse_a_busy_bench()
-        await self._bench.take()
-        return {}
-
-    async def _leave(self, tab: str, body: Body) -> PostAnswer:
-        answer = await self._reply_of("by hand", "leave")
-        await self._bench.ended()
-        return answer
-
-    def _refuse_a_busy_bench(self) -> None:
-        if not self._watcher.bench.configured:
-            raise NoOwnerError("no configuration; restart rig panel with --config", "no_bench")
-        ports = set(self._watcher.bench.ports)
-        for owner in self._watcher.owners:
-            if owner.kind == "run" and ports & set(owner.ports):
-                raise NoOwnerError(f"a run owns the ports (process {owner.pid}); end it first", "ports_taken")
-
-    async def _step(self, tab: str, body: Body) -> PostAnswer:
-        """Pass a click on while it is fresh, so that no delayed request moves the stage."""
-        button = StepButton.of(body)
-        if abs(self._watcher.clock.unix_s() - button.unix_s) > FRESH_S:
-            raise NoOwnerError(
-                f"the click is older than {FRESH_S:g} s, or from another clock; click again", "too_old"
-            )
-        what = {"axis": button.axis, "sign": button.sign, "by_mm": button.by_mm}
-        return await self._reply_of("by hand", "step", tab=tab, **what)
-
-    def _reply_of(self, kind: str, do: str, **more: Any) -> Awaitable[PostAnswer]:
-        """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
-        return self._asking.begin(partial(ask_owner, self._watcher.owner, kind, do, _ANSWER_S, **more))
+            confirmed.set()
 
 
 def _sent_without_owner(
-    settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
+    settings: BenchSettings, owners: Sequence[Owner], confirmed: threading.Event
 ) -> SentStop | None:
     """Send the stop directly to the drives if no owner responds at once; None if one does."""
-    if owners and answered.wait(BESIDE_S):
+    if owners and confirmed.wait(BESIDE_S):
         return None
     of_the_bench = [one for one in owners if set(one.ports) & set(stage_ports(settings.stage))]
     for one in of_the_bench or owners:
@@ -341,5 +253,68 @@ def _sent_without_owner(
     return send_stop(settings)
 
 
-def _problem(status: int, problem: RigError) -> Response:
-    return JSONResponse({"ok": False, "problem": str(problem), "code": problem.code}, status)
+class Posts:
+    """Handlers of the other requests that change something; all but taking control need it."""
+
+    def __init__(self, watcher: Watcher, bench: ManualProcess) -> None:
+        self._watcher, self._bench = watcher, bench
+        self._asking = BoundedPool(_THREADS, "post", "the previous request is still pending; wait for its answer")
+
+    @property
+    def routes(self) -> list[Route]:
+        """Routes of all requests."""
+        actions: dict[str, Action] = {
+            "pause": lambda body: self._reply_of("run", "pause"),
+            "go_on": lambda body: self._reply_of("run", "go_on"),
+            "by_hand": self._take_the_bench,
+            "leave": self._leave,
+            "home": lambda body: self._reply_of("by hand", "home"),
+            "zero": lambda body: self._reply_of("by hand", "zero", anyway=flag("anyway", body)),
+            "park": lambda body: self._reply_of("by hand", "park"),
+            "step": self._step,
+        }
+        handlers = {"take": self._take} | {name: self._in_control(do) for name, do in actions.items()}
+        return [Route(f"/{name}", partial(answered, do), methods=["POST"]) for name, do in handlers.items()]
+
+    def _in_control(self, do: Action) -> Callable[[str, Body], Awaitable[PostAnswer]]:
+        """Allow a request only from the tab that has control."""
+
+        async def done(tab: str, body: Body) -> PostAnswer:
+            if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
+                raise NoOwnerError("another tab has control; take control first", "another_tab")
+            return await do({**body, "tab": tab})
+
+        return done
+
+    async def _take(self, tab: str, body: Body) -> PostAnswer:
+        self._watcher.tabs.take(tab, self._watcher.clock.monotonic_s())
+        return {}
+
+    async def _take_the_bench(self, body: Body) -> PostAnswer:
+        if not self._watcher.bench.configured:
+            raise NoOwnerError("no configuration; restart rig panel with --config", "no_bench")
+        ports = set(self._watcher.bench.ports)
+        for owner in self._watcher.owners:
+            if owner.kind == "run" and ports & set(owner.ports):
+                raise NoOwnerError(f"a run owns the ports (process {owner.pid}); end it first", "ports_taken")
+        await self._bench.take()
+        return {}
+
+    async def _leave(self, body: Body) -> PostAnswer:
+        answer = await self._reply_of("by hand", "leave")
+        await self._bench.ended()
+        return answer
+
+    async def _step(self, body: Body) -> PostAnswer:
+        """Pass a click on while it is fresh, so that no delayed request moves the stage."""
+        button = StepButton.of(body)
+        if abs(self._watcher.clock.unix_s() - button.unix_s) > FRESH_S:
+            raise NoOwnerError(
+                f"the click is older than {FRESH_S:g} s, or from another clock; click again", "too_old"
+            )
+        what = {"axis": button.axis, "sign": button.sign, "by_mm": button.by_mm}
+        return await self._reply_of("by hand", "step", tab=body["tab"], **what)
+
+    def _reply_of(self, kind: str, do: str, **more: Any) -> Awaitable[PostAnswer]:
+        """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
+        return self._asking.begin(partial(ask_owner, self._watcher.owner, kind, do, _ANSWER_S, **more))

@@ -10,15 +10,16 @@ from rig.data.documents import Document
 from rig.data.events import READING
 from rig.data.folder import RunFolder
 from rig.data.run import Following, RunError
-from rig.data.run_state import BEGUN, RunFollower
+from rig.data.run_state import BEGUN, RunFollower, RunState
 from rig.data.run_status import RunStatus
 from rig.data.tables import FOREIGN, foreign
+from rig.engine.contact_words import FREE_THE_FINGER
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
-from rig.panel.drawing import Job, PressSummary
+from rig.panel.section import Job, PressSummary
 from rig.panel.stream import SHOWN_S, ReadingSource, Row
 from rig.plan.config import Config, load_config
-from rig.units import GWT_N
+from rig.session.early_ending import Ending
 
 
 def age_s(then_s: float | None, now_s: float) -> float | None:
@@ -51,22 +52,23 @@ def written_s(run: Path) -> float:
     return about.st_mtime if stat.S_ISREG(about.st_mode) else 0.0
 
 
-def limits_state(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
-    """Return trips, margins of the newest force (None without one), and the deepest press."""
-    trips = Trips(config.limits, soft_trip_n)
-    found: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
-    for name, margin, trip_gwt in (
-        ("trip", "margin", trips.soft_gwt),
-        ("hard_trip", "hard_margin", trips.hard_gwt),
-    ):
-        left_gwt = None if force_gwt is None else trip_gwt - abs(force_gwt)
-        found |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
-    return found
+def limits_state(config: Config, soft_trip_n: float | None) -> dict[str, float]:
+    """Return the trip and the deepest press."""
+    return {"trip_gwt": Trips(config.limits, soft_trip_n).soft_gwt, "max_doi_mm": config.limits.max_doi_mm}
 
 
-def in_both(name: str, force_gwt: float | None) -> dict[str, float | None]:
-    """Return a force under its name in both units."""
-    return {f"{name}_gwt": force_gwt, f"{name}_n": None if force_gwt is None else force_gwt * GWT_N}
+def attention(
+    status: str, reason: str, where: str, to_do: str, resume: str | None = None, *, may_touch: bool = True
+) -> dict[str, Any]:
+    """Return `attention` of the state: what a person must know now, and do."""
+    return {
+        "status": status,
+        "reason_text": reason,
+        "where_text": where,
+        "next_text": to_do,
+        "resume": resume,
+        "may_touch": may_touch,
+    }
 
 
 COLUMNS = (
@@ -75,6 +77,17 @@ COLUMNS = (
 )
 AT_ONCE = 1 << 20
 """Bytes per read of a journal; of its readings the last minute is kept in memory."""
+
+
+MOVED_MM = 0.01
+"""Change of height (mm) after which the depth of the last reading no longer holds."""
+WAIT = "wait for the run's last word on the indentor; in danger use the emergency stop"
+
+
+def stopped_now() -> dict[str, Any]:
+    """Return `attention` between a stop and the ending of the run, which says where the indentor is."""
+    where = "the stage was stopped where it was; the indentor may still press the finger"
+    return attention("aborted", "stopped", where, FREE_THE_FINGER)
 
 
 class RunView(RunFollower):
@@ -89,6 +102,8 @@ class RunView(RunFollower):
         self._journal = Following(self.folder)
         self._config: Config | None = None
         self._checked_s = self._written_s = 0.0
+        self._trip = ""  # its reason
+        self._placed_s: float | None = None  # when the position was last recorded
 
     def look(self, unix_s: float) -> list[Row]:
         """Read new entries and return their readings. An unreadable journal sets `problem` and is not read again."""
@@ -137,7 +152,17 @@ class RunView(RunFollower):
         """Apply the next document; a virtual run has its own calendar, so its events count when they were written."""
         at_s = self._written_s
         document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
+        if document["doc"] == "resume":
+            self._trip = ""
         super().apply(document)
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Apply the next event, and note a trip and the time of the position."""
+        super().event(stream, data)
+        if stream == "trip":
+            self._trip = str(data.get("reason", ""))
+        if "height_mm" in data or "x_mm" in data:
+            self._placed_s = self.unix_s
 
     def _read_config(self) -> None:
         if self._config is None and self.folder.config.is_file():
@@ -166,9 +191,27 @@ class RunView(RunFollower):
         """Whether the journal has an end."""
         return self.stop is not None
 
+    @property
+    def state(self) -> RunState:
+        """The run's state is this view."""
+        return self
+
+    def attention(self, *, going: bool, stopped: bool) -> dict[str, Any] | None:
+        """Return `attention` of the state, in the words of the terminal. stopped: a stop reached its process."""
+        status = self._status(going=going)
+        if self.stop is None and going:
+            if self._trip:
+                return attention("tripped", self._trip, "the run acts on the trip; look at the finger", WAIT)
+            return stopped_now() if stopped else None
+        if status == RunStatus.DONE or not self.start:
+            return None
+        found = Ending.killed(self) if self.stop is None else Ending.recorded(self, status)
+        may_touch = found.at.left != "not moved" and found.at.may_touch is not False
+        return attention(status, found.reason, found.at.words, found.next, found.resume, may_touch=may_touch)
+
     def as_json(self, *, going: bool) -> dict[str, Any]:
         """Return `run` of the state. going: a process writes the journal."""
-        start, stop = self.start, self.stop
+        start = self.start
         return {
             "folder": str(self.folder.path),
             "name": self.name,
@@ -176,31 +219,33 @@ class RunView(RunFollower):
             "title": start.get("title"),
             "subject": start.get("subject"),
             "virtual": self.virtual,
-            "state": self._state(going=going),
+            "state": str(self._status(going=going)),
             "now": self.now if going else None,
             "next": self.next if going else None,
             "left_s": self.left_s if going else None,
             "done": len(self.finished),
             "planned": self.planned,
-            "said": self.said or None,
-            "ending": None if stop is None else str(stop.get("reason") or ""),
-            "stopped_while": None if stop is None else stop.get("stopped_while"),
             "deviation": warning_of(list(self.deviations.values())),
             "problem": self.problem or self._damage or None,
         }
 
-    def _state(self, *, going: bool) -> str:
-        if self.stop is not None:
-            return str(self.stop["status"])
-        return RunStatus.RUNNING if going else RunStatus.KILLED
+    def _status(self, *, going: bool) -> RunStatus:
+        if self.stop is None:
+            return RunStatus.RUNNING if going else RunStatus.KILLED
+        return RunStatus.of_journal(self.stop, (self.planned or 0) - len(self.finished))
 
     def newest_state(self, unix_s: float) -> dict[str, Any]:
-        """Return `newest` of the state, with its present age."""
+        """Return `newest` of the state: the last reading, and the last recorded position, with their ages."""
         found, (t_s, read_s) = self.newest, self.newest_s
-        values = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
-        force_gwt = found.get("force_gwt")
-        force_n = None if force_gwt is None else force_gwt * GWT_N
-        return {**values, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
+        end = {} if self.stop is None else self.stop.get("indentor", {})
+        values = {name: found.get(name) for name in ("force_gwt", "doi_mm")}
+        values["phase"] = found.get("phase") if self.stop is None else None
+        values |= {name: end.get(name, getattr(self, name)) for name in ("x_mm", "height_mm")}
+        if abs((values["height_mm"] or 0.0) - (found.get("height_mm") or 0.0)) > MOVED_MM:  # since the reading
+            values["doi_mm"] = None
+        along_mm = 0.0 if self.placed is None else float(self.placed.along_mm)
+        ages = {"age_s": age_s(read_s, unix_s), "placed_age_s": age_s(self._placed_s, unix_s)}
+        return {**values, "y_mm": along_mm, "t_s": t_s, **ages}
 
     def devices_state(self, unix_s: float) -> dict[str, Any]:
         """Return `devices` of the state, with the age of each word; None if there is no word."""
@@ -214,7 +259,7 @@ class RunView(RunFollower):
         """Return `limits` of the state, from the run's own copy of its configuration."""
         if self._config is None:
             return None
-        return limits_state(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
+        return limits_state(self._config, self.start.get("soft_trip_n"))
 
     def schedule_state(self) -> list[dict[str, Any]]:
         """Return the steps of the run."""

@@ -11,13 +11,13 @@ from typing import Any
 from rig.clock import Clock
 from rig.control.client import ControlError
 from rig.devices.registry import stage_ports
-from rig.panel.drawing import Job
+from rig.manual.orders import HOME_FIRST
 from rig.panel.owners import Find, Owner, Tabs, owner_state, run_of, shown
-from rig.panel.run_view import RunView, age_s, growing, limits_state
+from rig.panel.run_view import RunView, age_s, attention, growing, limits_state, stopped_now
+from rig.panel.section import Job
 from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
 from rig.settings import BenchSettings
-from rig.units import GWT_N
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
 HAND = ReadingSource(None, COLUMNS, hand=True)
@@ -75,17 +75,27 @@ class BenchView:
     def newest_state(self, unix_s: float) -> dict[str, Any]:
         """Return `newest` of the state."""
         status = self._status
-        force_gwt, read_s = status.get("force_gwt"), status.get("read_unix_s")
         return {
-            "force_gwt": force_gwt,
-            "force_n": None if force_gwt is None else force_gwt * GWT_N,
+            **{name: status.get(name) for name in ("force_gwt", "x_mm", "y_mm", "height_mm")},
             "doi_mm": None,
-            "x_mm": status.get("x_mm"),
-            "height_mm": status.get("height_mm"),
             "phase": status.get("busy"),
             "t_s": status.get("read_t_s"),
-            "age_s": age_s(read_s, unix_s),
+            "age_s": age_s(status.get("read_unix_s"), unix_s),
+            "placed_age_s": age_s(status.get("seen_unix_s"), unix_s),
         }
+
+    @property
+    def attention(self) -> dict[str, Any] | None:
+        """Return `attention` of the state after a stop or a trip, until the stage is homed."""
+        status = self._status
+        if status.get("next") != HOME_FIRST:
+            return None
+        contact, stopped = status.get("contact") or {}, bool(status.get("stopped"))
+        where = contact.get("where_text") or "it is unknown whether the indentor touches the finger"
+        to_do = "; then ".join(filter(None, (contact.get("to_do_text"), HOME_FIRST)))
+        reason = status.get("ended_by") or "stopped"
+        may_touch = contact.get("may_touch") is not False
+        return attention("aborted" if stopped else "tripped", reason, where, to_do, may_touch=may_touch)
 
     def devices_state(self, unix_s: float) -> dict[str, Any]:
         """Return `devices` of the state."""
@@ -105,11 +115,11 @@ class BenchView:
 
     def limits_state(self) -> dict[str, Any] | None:
         """Return `limits` of the state."""
-        return None if self._config is None else limits_state(self._config, None, self._status.get("force_gwt"))
+        return None if self._config is None else limits_state(self._config, None)
 
 
-LOOK_S, ASK_S, FIND_S, BEAT_S = 0.05, 0.1, 1.0, 0.4
-"""Periods (s): journal poll, owner poll, search for runs, repetition of an unchanged state."""
+LOOK_S, ASK_S, FIND_S = 0.05, 0.1, 1.0
+"""Periods (s): journal poll, owner poll and publication of the state, search for runs."""
 STATUS_S = 0.5
 """Longest wait for a request for the state (s)."""
 _NOTICES = {
@@ -140,8 +150,8 @@ class Watcher:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
         self._status: dict[str, Any] | None = None
         self._run_state: dict[str, Any] | None = None
+        self._attention: dict[str, Any] | None = None  # of the run
         self._schedule: list[dict[str, Any]] = []
-        self._published: tuple[object, float] = (None, 0.0)
         self._found: tuple[Path | None, float] = (None, -FIND_S)
 
     @property
@@ -169,7 +179,7 @@ class Watcher:
     async def follow(self) -> None:
         """Poll until cancelled."""
         async with asyncio.TaskGroup() as loops:
-            for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (LOOK_S, self.beat)):
+            for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (ASK_S, self.publish)):
                 loops.create_task(_again(each_s, look))
 
     # --- polling ---
@@ -192,7 +202,7 @@ class Watcher:
     def _show_manual(self, owner: Owner) -> None:
         """Show readings of manual control from now on."""
         if self.outlet.source != HAND or self.bench.owner != owner.pid:
-            self.run, self._run_state = None, None
+            self.run, self._run_state, self._attention = None, None, None
             self.bench.begin(owner.pid)
             self.outlet.begin(HAND)
             self._publish_schedule([])
@@ -211,7 +221,9 @@ class Watcher:
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            self._run_state = run.as_json(going=not run.ended and (run.alive or owner is not None))
+            going = not run.ended and (run.alive or owner is not None)
+            self._run_state = run.as_json(going=going)
+            self._attention = run.attention(going=going, stopped=bool((self._status or {}).get("stopped")))
             self._publish_schedule(run.schedule_state())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
@@ -229,7 +241,7 @@ class Watcher:
     def _follow(self, run: RunView | None) -> None:
         if run is None and self.run is None:
             return
-        self.run, self._run_state = run, None
+        self.run, self._run_state, self._attention = run, None, None
         self.outlet.begin(NOTHING if run is None else run.source)
         self._publish_schedule([])
 
@@ -241,15 +253,10 @@ class Watcher:
             run = None if self.run is None else self.run.name
             self.outlet.publish("schedule", {"unix_s": self.clock.unix_s(), "run": run, "steps": steps})
 
-    async def beat(self) -> None:
-        """Publish the state when it changes, and twice a second."""
-        now_s, unix_s = self.clock.monotonic_s(), self.clock.unix_s()
-        self.tabs.look(now_s)
-        state = self.state(unix_s)
-        marks = _marks(state)
-        if marks != self._published[0] or now_s - self._published[1] >= BEAT_S:
-            self._published = marks, now_s
-            self.outlet.publish("state", state)
+    async def publish(self) -> None:
+        """Publish the state."""
+        self.tabs.look(self.clock.monotonic_s())
+        self.outlet.publish("state", self.state(self.clock.unix_s()))
 
     def state(self, unix_s: float) -> dict[str, Any]:
         """Return the state, except readings and drawings."""
@@ -265,12 +272,19 @@ class Watcher:
             "others": [owner_state(one, None) for one in self.others],
             "run": self._run_state,
             "hand": hand,
+            "attention": self._attention_now(hand),
             "devices": seen.devices_state(unix_s),
             "newest": seen.newest_state(unix_s),
             "limits": seen.limits_state(),
             "notice": (self.last_line() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }
+
+    def _attention_now(self, hand: Mapping[str, Any] | None) -> dict[str, Any] | None:
+        if hand is not None:
+            return self.bench.attention
+        before_its_run = self.run is None and self._status is not None and self._status.get("stopped")
+        return stopped_now() if before_its_run else self._attention
 
 
 def _device(port: str) -> str:
@@ -284,14 +298,6 @@ def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:
         return owner.ask("status", within_s=STATUS_S, **more)
     except ControlError:
         return None
-
-
-def _marks(state: dict[str, Any]) -> object:
-    """Return the values whose change is published at once, without numbers that always change."""
-    run, hand = state["run"] or {}, state["hand"] or {}
-    steady = [state[name] for name in ("controls", "owner", "notice", "problem")]
-    of_the_run = {name: value for name, value in run.items() if name != "left_s"}
-    return steady, of_the_run, [hand.get(name) for name in ("state", "busy", "ended_by", "stopped", "next")]
 
 
 async def _again(each_s: float, look: Callable[[], Any]) -> None:

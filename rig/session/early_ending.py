@@ -5,12 +5,14 @@ Terminal, report and JSON use the same sentences.
 
 import math
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol
 
-from rig.data import Run
 from rig.data.ending import EndingJson, IndentorAtEndJson, Left
-from rig.data.folder import allowed, free_space, how_to_write
+from rig.data.folder import RunFolder, allowed, free_space, how_to_write
+from rig.data.run_state import RunState
 from rig.data.run_status import RunStatus, reason_of
 from rig.engine import Engine, RecordError, RunAborted, ScriptError
 from rig.engine.contact import KnownContact
@@ -20,6 +22,17 @@ from rig.records import ContactKind
 
 _PUT_RIGHT = "correct the problem, then "
 _SEE_TO_THE_DEVICE = "check the device that failed"
+
+
+class EndedRun(Protocol):
+    """What a journal tells of a run that ended."""
+
+    @property
+    def stop(self) -> Mapping[str, Any] | None: ...
+    @property
+    def state(self) -> RunState: ...
+    @property
+    def folder(self) -> RunFolder: ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class FinalPosition:
         )  # fmt: skip
 
     @classmethod
-    def last_known(cls, run: Run) -> "FinalPosition":
+    def last_known(cls, run: EndedRun) -> "FinalPosition":
         """Return the last known position of a run without an end, whose killed program could not lift."""
         state = run.state
         at = cls("held", state.x_mm, state.height_mm)
@@ -119,13 +132,13 @@ class Ending:
         return cls(_reason(problem, folder), at, _next(problem, at), resume_line(folder))
 
     @classmethod
-    def killed(cls, run: Run) -> "Ending":
+    def killed(cls, run: EndedRun) -> "Ending":
         """Return the ending of a run whose journal has no end."""
         at = FinalPosition.last_known(run)
         return cls(reason_of(RunStatus.KILLED), at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
-    def recorded(cls, run: Run, status: RunStatus) -> "Ending":
+    def recorded(cls, run: EndedRun, status: RunStatus) -> "Ending":
         """Return the ending of a run from its journal, in which a stop has no error, and an old one no position."""
         assert run.stop is not None
         at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else FinalPosition.last_known(run)

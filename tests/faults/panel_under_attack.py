@@ -3,9 +3,11 @@
 import http.client
 import json
 import os
+import re
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -37,15 +39,16 @@ class UnderAttack:
     """The panel: its port and token, its process, and when the owner was stopped (monotonic, s)."""
 
     port: int
+    stop_port: int
     token: str
     log: Path
     process: "subprocess.Popen[str]"
     stops_s: list[float] = field(default_factory=list)
 
     @contextmanager
-    def connected(self, within_s: float) -> Iterator[http.client.HTTPConnection]:
-        """Open a new connection of the operator's page."""
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=within_s)) as wire:
+    def connected(self, within_s: float, port: int = 0) -> Iterator[http.client.HTTPConnection]:
+        """Open a new connection of the operator's page, to the port of STOP unless another is named."""
+        with closing(http.client.HTTPConnection("127.0.0.1", port or self.stop_port, timeout=within_s)) as wire:
             yield wire
 
     def status(self, wire: http.client.HTTPConnection, method: str, path: str) -> int:
@@ -65,7 +68,7 @@ class UnderAttack:
 
     def stream(self, within_s: float) -> int:
         """Return the status of the reply to the page that opens its stream."""
-        with self.connected(within_s) as wire:
+        with self.connected(within_s, self.port) as wire:
             return self.status(wire, "GET", "/events?tab=operator")
 
     def use_up_descriptors(self) -> None:
@@ -100,6 +103,9 @@ def panel_under_attack(folder: Path, most_descriptors: int) -> Iterator[UnderAtt
             assert process.stdout is not None
             url = json.loads(process.stdout.readline())["url"]
             port, token = int(url.rpartition(":")[2].partition("/")[0]), url.rpartition("=")[2]
-            yield UnderAttack(port, token, log, process, stops_s)
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as page:
+                found = re.search(rb'data-stop-port="(\d+)"', page.read())
+            assert found is not None
+            yield UnderAttack(port, int(found.group(1)), token, log, process, stops_s)
         finally:
             process.kill()

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+COLUMNS = ("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "index", "purpose")
 RUN = "20260301T101500Z-steps-a1b2c3"
 
 
@@ -16,12 +17,15 @@ def bench(**other: Any) -> dict[str, Any]:
         "run": None,
         "hand": None,
         "notice": None,
+        "problem": None,
+        "others": [],
         "devices": {
             "stage": {"word": "no data", "homed": None, "age_s": None},
             "force": {"word": "no data", "age_s": None},
         },
         "newest": {"force_gwt": None, "age_s": None},
-        "limits": {"trip_gwt": 20.39, "trip_n": 0.2, "margin_gwt": None, "max_doi_mm": 1.5},
+        "attention": None,
+        "limits": {"trip_gwt": 20.39, "max_doi_mm": 1.5},
         **other,
     }
 
@@ -39,8 +43,6 @@ def running(state: str = "running", **other: Any) -> dict[str, Any]:
         "left_s": 1034.0,
         "done": 8,
         "planned": 60,
-        "ending": None,
-        "said": None,
         "problem": None,
     }
     owner = {
@@ -55,13 +57,14 @@ def running(state: str = "running", **other: Any) -> dict[str, Any]:
     devices = {"stage": {"word": "press", "homed": True, "age_s": 0.05}, "force": {"word": "reads", "age_s": 0.05}}
     newest = {
         "force_gwt": 2.341,
-        "force_n": 0.02296,
         "doi_mm": 0.412,
         "x_mm": -0.4,
+        "y_mm": 0.0,
         "height_mm": -0.398,
         "phase": "press",
         "t_s": 31.0,
         "age_s": 0.05,
+        "placed_age_s": 0.05,
     }
     return bench(owner=owner, run=run, devices=devices, newest=newest, **other)
 
@@ -102,10 +105,12 @@ def by_hand(**other: Any) -> dict[str, Any]:
         "force_gwt": 0.01,
         "doi_mm": None,
         "x_mm": 1.2,
+        "y_mm": 0.0,
         "height_mm": 3.0,
         "phase": None,
         "t_s": 5.0,
         "age_s": 0.05,
+        "placed_age_s": 0.05,
     }
     return bench(owner=owner, hand=hand, devices=devices, newest=newest)
 
@@ -132,23 +137,16 @@ def schedule(presses: int = 60, done: int = 8) -> dict[str, Any]:
     return {"run": RUN, "steps": first + steps}
 
 
-def prediction(index: int = 8) -> dict[str, Any]:
-    """F ∝ d^1.5 to 2.33 gwt at 0.42 mm."""
-    depths = [0.5 * n / 40 for n in range(41)]
-    return {
-        "run": RUN,
-        "index": index,
-        "purpose": "data",
-        "doi_mm": depths,
-        "force_gwt": [8.56 * d**1.5 for d in depths],
-    }
-
-
 def section() -> dict[str, Any]:
-    """An ellipse for a finger, a smaller one within, a bone, a bar 3 mm wide."""
+    """An ellipse for a finger, a smaller one within, a bone, a bar 3 mm wide; flat under it at each depth."""
 
     def ellipse(a: float, b: float, z: float) -> list[list[float]]:
         return [[a * math.sin(2 * math.pi * k / 90), z + b * math.cos(2 * math.pi * k / 90)] for k in range(90)]
+
+    def depth(doi_mm: float) -> dict[str, Any]:
+        upper = [(0.1 * k, 6.5 * math.sqrt(1 - (0.1 * k / 8) ** 2) - 6.5) for k in range(-40, 41)]
+        skin = [[x, min(z, -doi_mm) if abs(x) <= 1.5 else z] for x, z in upper]
+        return {"doi_mm": doi_mm, "force_gwt": 8.56 * doi_mm**1.5, "contact": [[-1.4, 1.4]], "skin": skin}
 
     return {
         "run": RUN,
@@ -159,8 +157,7 @@ def section() -> dict[str, Any]:
         "bone": ellipse(3.4, 2.6, -7.5),
         "nail": None,
         "indentor": [[-1.5, 6], [-1.5, 0], [1.5, 0], [1.5, 6]],
-        "contact": [[-1.4, 1.4]],
-        "pressed_skin": None,
+        "depths": [depth(0.1 * n) for n in range(1, 6)],
     }
 
 
@@ -202,19 +199,31 @@ def runs(n: int = 3) -> list[dict[str, Any]]:
     ]
 
 
-def ended() -> dict[str, Any]:
-    """A run that tripped; nobody has the ports."""
-    scene = running("tripped")
-    scene["run"] |= {
-        "now": None,
-        "next": None,
-        "left_s": None,
-        "ending": "force 21.3 gwt exceeds the soft trip",
+def attention(status: str, reason: str, *, may_touch: bool) -> dict[str, Any]:
+    """What a person must do now."""
+    return {
+        "status": status,
+        "reason_text": reason,
+        "where_text": "held, at x = -0.40 mm, 0.40 mm below the nominal apex; the indentor may still touch it",
+        "next_text": "free the finger first, straight up: by hand or with the controller's own jog",
+        "resume": f"rig resume /home/someone/with/a/long/folder/name/runs/{RUN}",
+        "may_touch": may_touch,
     }
-    scene["newest"]["age_s"] = 12.0
+
+
+def tripping() -> dict[str, Any]:
+    """A run that has just tripped; its process still closes the record."""
+    return running(attention=attention("tripped", "the force sensor is silent", may_touch=False))
+
+
+def ended(status: str = "tripped", reason: str = "force 21.3 gwt exceeds the soft trip") -> dict[str, Any]:
+    """A run that ended early, its indentor pressed; nobody has the ports."""
+    scene = running(status)
+    scene["run"] |= {"now": None, "next": None, "left_s": None}
+    scene["newest"] |= {"age_s": 12.0, "placed_age_s": 12.0}
     for device in scene["devices"].values():
         device["age_s"] = 12.0
-    return scene | {"owner": None}
+    return scene | {"owner": None, "attention": attention(status, reason, may_touch=True)}
 
 
 SCENES = {
@@ -226,8 +235,13 @@ SCENES = {
     "pausing": lambda: running("pausing"),
     "paused": lambda: running("paused"),
     "reporting": lambda: running("reporting"),
-    "ended": ended,
+    "tripping": tripping,
+    "tripped": ended,
+    "stopped": lambda: ended("aborted", "stopped at once from the panel"),
     "by hand": by_hand,
     "by hand, busy": lambda: by_hand(busy="home", homed=False, zeroed=False),
-    "by hand, stopped": lambda: by_hand(stopped=True, homed=False, ended_by="stopped by the operator", next="home"),
+    "by hand, stopped": lambda: (
+        by_hand(stopped=True, homed=False, ended_by="stopped by the operator", next="home")
+        | {"attention": attention("aborted", "stopped by the operator", may_touch=True)}
+    ),
 }

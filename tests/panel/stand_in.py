@@ -19,7 +19,6 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-NOT_THERE = (404, "text/plain", b"")
 TOKEN = "a-token"
 COLUMNS = ("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "index", "purpose")
 
@@ -32,7 +31,6 @@ class Asked:
     path: str
     tab: str
     body: Mapping[str, Any]
-    connection: int = 0  # its port
 
 
 @dataclass
@@ -47,7 +45,6 @@ class StandIn:
     talking: threading.Event = field(default_factory=threading.Event)
     kept: list[tuple[str, Mapping[str, Any]]] = field(default_factory=list)
     streams: list["queue.Queue[str | None]"] = field(default_factory=list)
-    stays: list[int] = field(default_factory=list)  # ports of the connections that a page keeps open
     port: int = 0
     before_s: float = 0.0  # how far its clock is behind
     now = WallClock().unix_s
@@ -134,18 +131,22 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
                 self._send(200, "application/json", json.dumps({"runs": found, "unreadable": []}).encode())
             else:
                 file = STATIC / ("index.html" if path == "/" else path.removeprefix("/static/"))
-                self._send(*((200, KINDS[file.suffix], file.read_bytes()) if file.is_file() else NOT_THERE))
+                if not file.is_file():
+                    self._send(404, "text/plain", b"")
+                    return
+                data = file.read_bytes().replace(
+                    b"{STOP PORT}", str(one.port).encode()
+                )  # its own port takes STOP, too
+                self._send(200, KINDS[file.suffix], data)
 
         def do_HEAD(self) -> None:
-            if self.path == "/events" and self.headers["X-Rig-Token"] == TOKEN:
-                one.stays.append(self.client_address[1])
             self.send_response(200)
             self.send_header("Content-Length", "0")
             self.end_headers()
 
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-            one.asked.append(Asked(one.now(), self.path, self.headers["X-Rig-Tab"], body, self.client_address[1]))
+            one.asked.append(Asked(one.now(), self.path, self.headers["X-Rig-Tab"], body))
             one.answering.wait()
             if self.headers["X-Rig-Token"] != TOKEN:
                 status, told = (

@@ -42,6 +42,7 @@ def test_a_run_that_was_begun_in_a_terminal_is_shown_until_its_end(opened: Opene
             expect(page.locator("#done_words")).to_have_text(re.compile(r"^2\D+2\D"))
             expect(page.locator("#read_at")).to_have_attribute(*coded("old"))
             expect(page.locator("#section .indentor")).to_have_count(1)
+            run.wait()  # for its report
         finally:
             run.terminate()
             run.wait()

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from studies.pictures.panel_page import panel
+from tests.waiting import until
 
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (make panel-test)")
 
@@ -26,3 +27,21 @@ def test_the_byte_leaves_while_the_page_hangs_and_the_run_is_recorded_as_aborted
     assert [stop.recorded for stop in stops] == ["aborted planning", "aborted", "done reporting"]
     assert [stop.code for stop in stops] == [130, 130, 130]
     assert all(0 < stop.latency_s < HANGS_MS / 1000 for stop in stops), stops
+
+
+def test_stop_goes_first_to_its_own_port_over_a_connection_that_is_open(
+    opened: Callable[..., Any], tmp_path: Path
+) -> None:
+    with panel(tmp_path) as (_, url):
+        page = opened(url)
+        page.locator("#stop:enabled").wait_for()
+        port = page.evaluate("document.documentElement.dataset.stopPort")
+        answers: list[dict[str, Any]] = []
+        watched = page.context.new_cdp_session(page)
+        watched.on("Network.responseReceived", lambda one: answers.append(one["response"]))
+        watched.send("Network.enable")
+        page.keyboard.press("Escape")
+        own = f":{port}/stop"
+        first = until(lambda: page.evaluate("1") and next((one for one in answers if one["url"].endswith(own)), None))
+        assert (first["status"], first["connectionReused"]) == (409, True), "nothing is there to be stopped"
+        assert port not in ("", url.rpartition(":")[2].partition("/")[0])

@@ -1,7 +1,6 @@
 /** Controls that are allowed now: pause, continue, manual control, steps, home, zero, park, leave. */
 
-import { post } from "/static/access.js";
-import { at, show, write } from "/static/page.js";
+import { at, post, show, write } from "/static/stop.js";
 
 export class Controls {
   /** said(words, code, bad): shows the server's reply; mine(): whether this tab has control and the server responds. */
@@ -37,8 +36,7 @@ export class Controls {
     if (event.repeat && event.target.closest("#directions")) event.preventDefault(); // Enter on a button
     const typing = event.target.matches("input[type=text]") || event.ctrlKey || event.altKey || event.metaKey;
     if (typing || !at("directions").offsetParent) return;
-    const named = `[data-key="${CSS.escape(event.key.toLowerCase())}"]`;
-    const found = at("hand_controls").querySelector(named);
+    const found = at("hand_controls").querySelector(`[data-key="${CSS.escape(event.key.toLowerCase())}"]`);
     if (found === null || found.disabled) return;
     event.preventDefault();
     if (!event.repeat) found.click();
@@ -50,7 +48,8 @@ export class Controls {
     const may = this.mine();
     show("run_controls", kind === "run");
     show("hand_controls", kind === "by hand");
-    show("idle_controls", latest !== null && kind === null);
+    show("idle_controls", latest !== null && kind === null && latest.configured);
+    at("idle_controls").dataset.after = latest?.attention?.may_touch ? "contact" : "";
     show("zero_anyway", latest?.hand?.did === "zero" && latest.hand.ended_by !== null);
     for (const button of document.querySelectorAll("[data-post]")) button.disabled = !may || this.refused(button.dataset.post);
     for (const button of at("directions").children) button.disabled = !may || this.refused("step");
@@ -60,10 +59,10 @@ export class Controls {
 
   /** Whether the server would refuse a request. */
   refused(what) {
-    const { owner, hand, configured } = this.latest ?? {};
+    const { owner, hand, configured, attention } = this.latest ?? {};
     if (what === "by_hand") return !configured;
-    if (what === "pause") return owner?.state !== "running";
-    if (what === "go_on") return owner?.state !== "paused";
+    if (what === "pause") return owner?.state !== "running" || Boolean(attention);
+    if (what === "go_on") return owner?.state !== "paused" || Boolean(attention);
     if (what === "leave") return false;
     return Boolean(hand?.stopped && what !== "home") || Boolean(hand?.busy);
   }
@@ -71,16 +70,23 @@ export class Controls {
   /** What the controls do now: pairs of code and words. */
   saying(kind) {
     if (this.latest === null) return [["waiting", "no controls available yet"]];
-    const { owner, hand, configured } = this.latest;
-    if (kind === "run") return [owner.reachable === false ? ["no_answer", "the process of the run does not answer"] : owner.stopped ? ["stopped", "stopped"] : [owner.state, `the run is ${owner.state}`]];
-    if (kind === null) return [configured ? ["free", "no process owns the ports"] : ["not_configured", "no process owns the ports; for manual control start rig panel --config TOML"]];
-    if (hand === null || hand === undefined) return [["starting", "starting manual control …"]];
+    const { owner, hand, configured, attention } = this.latest;
+    if (kind === "run") {
+      if (owner.reachable === false) return [["no_answer", "the process of the run does not answer"]];
+      if (attention) return [["ends", `the run ends (${attention.status}); its process closes the record`]];
+      return [[owner.state, `the run is ${owner.state}`]];
+    }
+    if (kind === null) {
+      if (!configured) return [["not_configured", "no process owns the ports; for manual control start rig panel --config TOML"]];
+      return [attention?.may_touch ? ["after_contact", "first do what the notice says; then start manual control"] : ["free", "no process owns the ports"]];
+    }
+    if (!hand) return [["starting", "starting manual control …"]];
     const parts = [
       ["busy", hand.busy && `busy: ${hand.busy}`],
-      ["ended", hand.ended_by],
-      ["contact", hand.contact?.may_touch && hand.contact.where_text],
-      ["stopped", hand.stopped && "stopped"],
-      ["next", hand.next],
+      ["ended", !attention && hand.ended_by], // else the notice has it, and what follows
+      ["contact", !attention && hand.contact?.may_touch && hand.contact.where_text],
+      ["next", !attention && hand.next],
+      ["stopped", hand.stopped && "stopped: only Home moves"],
       ["not_homed", !hand.homed && "not homed"],
       ["not_zeroed", !hand.zeroed && "not zeroed"],
     ].filter(([, words]) => words);

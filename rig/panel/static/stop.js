@@ -1,15 +1,82 @@
-/** STOP, by button and by key: sends the request before anything else, and repeats it until there is a reply.
+/** This tab (its token and id), its requests, and STOP, which needs nothing from the rest of the page.
  *
- * A worker repeats it even if the page hangs. This module needs nothing from the rest of the page.
+ * STOP has a port of its own. It is sent there before anything else, and repeated by a worker, also to the page's port.
  */
 
-import { hasToken, headers, post, tab } from "/static/access.js";
-import { at, show, write } from "/static/page.js";
+export const at = (id) => document.getElementById(id);
 
+/** Write words for the reader and their code, as `data-code`, for programs. */
+export function write(id, words, code) {
+  const element = at(id);
+  if (element.textContent !== words) element.textContent = words;
+  if (code !== undefined && element.dataset.code !== code) element.dataset.code = code;
+}
+
+export function show(id, shown) {
+  const element = at(id);
+  if (element.hasAttribute("hidden") === shown) element.toggleAttribute("hidden", !shown);
+}
+
+// --- this tab ---
+
+let token = sessionStorage.getItem("rig token");
+takeToken();
+window.addEventListener("hashchange", takeToken);
+
+/** Remove the token from the address at once, so that no bookmark or screenshot contains it. */
+function takeToken() {
+  const found = /^#token=(.+)$/.exec(location.hash);
+  if (!found) return;
+  token = decodeURIComponent(found[1]);
+  sessionStorage.setItem("rig token", token);
+  history.replaceState(null, "", location.pathname);
+  window.dispatchEvent(new Event("token"));
+}
+
+export const hasToken = () => token !== null;
+
+/** The id of this tab; a duplicated tab gets its own one, because the original holds the lock. */
+export const tab = await (async () => {
+  const kept = sessionStorage.getItem("rig tab");
+  if (kept !== null && (await alone(kept))) return kept;
+  const own = crypto.randomUUID();
+  sessionStorage.setItem("rig tab", own);
+  await alone(own);
+  return own;
+})();
+document.documentElement.dataset.tab = tab;
+
+function alone(id) {
+  return new Promise((resolve) => {
+    const held = (lock) => (resolve(lock !== null), lock && new Promise(() => {}));
+    navigator.locks.request(`rig panel ${id}`, { ifAvailable: true }, held).catch(() => resolve(true));
+  });
+}
+
+export const options = () => ({
+  cache: "no-store", credentials: "omit", redirect: "error",
+  headers: { "Content-Type": "application/json", "X-Rig-Token": token ?? "", "X-Rig-Tab": tab },
+});
+
+/** The reply to a POST: {status, ok, problem, code, …}; status 0 without a reply. */
+export async function post(path, body = {}, more = {}) {
+  try {
+    const response = await fetch(path, { ...options(), method: "POST", body: JSON.stringify(body), ...more });
+    const reply = await response.json().catch(() => ({}));
+    const problem = response.ok ? null : `the server returned ${response.status}`;
+    return { problem, code: null, ...reply, status: response.status, ok: response.ok && reply.ok !== false };
+  } catch {
+    return { status: 0, ok: false, problem: "the panel's server does not answer", code: "no_answer" };
+  }
+}
+
+// --- STOP ---
+
+const STOP_PORT = `http://${location.hostname}:${document.documentElement.dataset.stopPort}/stop`;
+const stopOptions = () => ({ ...options(), cache: "default" }); // else the browser asks for permission each time
 const LOUD_MS = 300;
 const FINAL = [200, 403, 409];
 const NOT_CONFIRMED = "STOP NOT CONFIRMED: USE THE EMERGENCY STOP";
-
 const STAY_MS = 60_000; // the server closes an idle connection after five minutes
 const WORKER_FIRST_MS = 50; // it knows when its reply came, even if this page is late
 
@@ -22,8 +89,8 @@ let loud = null;
 /** Every press sends a request; one that follows before there is a reply belongs to the same stop. */
 function stop(event) {
   const of = pressed_ms === null ? number + 1 : number;
-  post("/stop", {}, { keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
-  if (of > number) worker.postMessage({ headers: headers(), of });
+  post(STOP_PORT, {}, { ...stopOptions(), keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
+  if (of > number) worker.postMessage({ addresses: [STOP_PORT, "/stop"], options: stopOptions(), of });
   event.preventDefault();
   if (of === number) return;
   number = of;
@@ -64,15 +131,13 @@ function tell(how, code, words) {
 
 /** Keep a connection open, so that STOP needs no new one while other programs flood the server with theirs. */
 function stay() {
-  if (!hasToken()) return;
-  const options = { method: "HEAD", headers: headers(), cache: "no-store", credentials: "omit", redirect: "error" };
-  fetch("/events", options).catch(() => {});
+  if (hasToken()) fetch(STOP_PORT, { ...stopOptions(), method: "HEAD" }).catch(() => {});
 }
 
 function arm() {
   at("stop").disabled = false;
-  if (hasToken()) write("stop_key", "or Esc, anywhere", "works");
-  else write("stop_key", "no token: does not work here", "no_token");
+  write("stop_key", hasToken() ? "or Esc, anywhere" : "no token: does not work here", hasToken() ? "works" : "no_token");
+  stay();
 }
 
 at("stop").addEventListener("pointerdown", (event) => event.button === 0 && stop(event));
@@ -83,7 +148,5 @@ window.addEventListener("keydown", (event) => {
 }, { capture: true });
 at("stop_close").addEventListener("click", () => (giveUp(), show("stop_said", false), at("stop").focus()));
 window.addEventListener("token", arm);
-arm();
-window.addEventListener("stream", stay); // which occupies the connection that was open
 setInterval(stay, STAY_MS);
-document.documentElement.dataset.tab = tab;
+arm();

@@ -1,37 +1,36 @@
 /** Repeats STOP until there is a reply or it gives up, even if the page hangs. */
 
 const AGAIN_MS = 300;
-const PATIENCE_MS = 900; // at most three are pending: a browser has six connections to one host
+const PATIENCE_MS = 900; // at most three are pending: a browser has six connections to one port
 const FINAL = [200, 403, 409];
 
 let trying = null;
-let headers = null;
-let of = null; // number of the stop
 
 onmessage = ({ data }) => {
-  clearInterval(trying);
+  clearInterval(trying?.timer);
   trying = null;
   if (data === null) return;
-  ({ headers, of } = data);
-  trying = setInterval(ask, AGAIN_MS);
-  ask();
+  const one = { ...data, asked: 0 };
+  one.timer = setInterval(() => ask(one), AGAIN_MS);
+  trying = one;
+  ask(one);
 };
 
-async function ask() {
-  const asked = trying;
-  const reply = await answer();
-  if (asked !== trying) return;
+/** Ask each address in turn. */
+async function ask(one) {
+  const reply = await answer(one.addresses[one.asked++ % one.addresses.length], one.options);
+  if (one !== trying) return;
   if (FINAL.includes(reply.status)) {
-    clearInterval(trying);
+    clearInterval(one.timer);
     trying = null;
   }
-  postMessage({ ...reply, of });
+  postMessage({ ...reply, of: one.of });
 }
 
-async function answer() {
+async function answer(address, options) {
   try {
-    const options = { method: "POST", cache: "no-store", credentials: "omit", redirect: "error", priority: "high" };
-    const response = await fetch("/stop", { ...options, headers, body: "{}", signal: AbortSignal.timeout(PATIENCE_MS) });
+    const signal = AbortSignal.timeout(PATIENCE_MS);
+    const response = await fetch(address, { ...options, method: "POST", priority: "high", body: "{}", signal });
     const reply = await response.json().catch(() => ({}));
     const problem = response.ok ? null : `the server returned ${response.status}`;
     const at_ms = performance.timeOrigin + performance.now();

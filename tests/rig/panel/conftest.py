@@ -8,12 +8,13 @@ import pytest
 from rig.control.stop import SentStop
 from rig.devices.registry import stage_ports
 from rig.panel import requests
-from rig.panel.app import application
+from rig.panel.access import Address
+from rig.panel.app import applications
 from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import Config
 from rig.settings import BenchSettings
 from sim.devices.clock import VirtualClock
-from tests.rig.panel.stub_panel import PORT, TOKEN, StubHandProcess, StubOwner, StubPanel
+from tests.rig.panel.stub_panel import PORT, STOP_PORT, TOKEN, StubHandProcess, StubOwner, StubPanel
 from tests.waiting import DEADLINE_S
 
 
@@ -41,8 +42,8 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., StubP
         of_the_bench = BenchView(tmp_path / "rig.toml", Config()) if configured else BenchView()
         watcher = Watcher(tmp_path / "runs", of_the_bench, lambda: there, clock)
         watcher.owners = there
-        app = application(watcher, bench, PORT, TOKEN)
-        return StubPanel(there, watcher, bench, clock, app)
+        apps = applications(watcher, bench, Address(PORT, STOP_PORT, TOKEN))
+        return StubPanel(there, watcher, bench, clock, *apps)
 
     return made
 

@@ -3,7 +3,7 @@
  * node page_scripts.mjs FOLDER SCENES; FOLDER: the scripts, which import one another from there; SCENES: JSON, see test_page_scripts.py.
  */
 
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
 import vm from "node:vm";
 
 const [folder, scenes] = process.argv.slice(2);
@@ -41,7 +41,7 @@ class Scene {
     this.window = new Target();
     this.document = new Target({
       hidden: false,
-      documentElement: new Target(),
+      documentElement: new Target({ dataset: { stopPort: "9" } }),
       getElementById: (id) => (this.elements[id] ??= new Target({ classList: { contains: () => false, toggle() {} } })),
       querySelector: () => this.size,
       querySelectorAll: () => [this.elements.home],
@@ -67,7 +67,9 @@ class Scene {
   }
 
   fetch(path, body) {
-    this.sent.push({ at_ms: this.now_ms - 1000, path, body: body === undefined ? null : JSON.parse(body), by: this.by });
+    const port = path.startsWith("http://here:9/") ? "stop" : "page";
+    path = path.replace("http://here:9", "");
+    this.sent.push({ at_ms: this.now_ms - 1000, path, port, body: body === undefined ? null : JSON.parse(body), by: this.by });
     if (this.silent) return new Promise(() => {});
     const answer = { ok: this.status === 200, status: this.status, json: async () => ({ ok: this.status === 200, code: "refused" }) };
     return Promise.resolve(answer);
@@ -133,14 +135,16 @@ for (const [name, steps] of Object.entries(JSON.parse(scenes))) {
   const { window, document } = scene;
   const stored = { "rig token": "the-token" };
   const around = {
-    ...scene.globals(), window, document, Worker: worker(scene), location: { hash: "" }, CSS: { escape: (text) => text },
+    ...scene.globals(), window, document, Worker: worker(scene), location: { hash: "", hostname: "here" }, CSS: { escape: (text) => text },
     sessionStorage: { getItem: (key) => stored[key] ?? null, setItem() {} },
   };
   around.fetch = (path, how) => ((scene.by = "page"), scene.fetch(path, how.body));
   for (const [key, value] of Object.entries(around)) Object.defineProperty(globalThis, key, { value, configurable: true, writable: true });
   Object.defineProperty(globalThis, "navigator", { value: { locks: { request: async (_, __, held) => void held({}) } }, configurable: true });
   await import(`${folder}/stop.js?${name}`);
-  const { Controls } = await import(`${folder}/controls.js`);
+  const ours = `${folder}/controls of ${Object.keys(found).length}.js`; // which imports this scene's stop.js
+  writeFileSync(ours, readFileSync(`${folder}/controls.js`, "utf8").replace("./stop.js", `./stop.js?${name}`));
+  const { Controls } = await import(ours);
   scene.controls = new Controls((words, code) => (scene.said = code), () => true);
   scene.sent.length = 0;
   for (const step of steps) await scene.step(step);

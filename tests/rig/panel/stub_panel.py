@@ -12,7 +12,7 @@ from rig.panel.watcher import Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.asgi_client import Answer, asked
 
-PORT, TOKEN = 8123, "the-token"
+PORT, STOP_PORT, TOKEN = 8123, 8124, "the-token"
 HERE = f"http://127.0.0.1:{PORT}"
 OWN = {
     "host": f"127.0.0.1:{PORT}",
@@ -84,6 +84,7 @@ class StubPanel:
     bench: StubHandProcess
     clock: VirtualClock
     app: Any
+    stop_app: Any
 
     def post(
         self, path: str, body: object = None, tab: str = "a", **headers: str | bytes | None

@@ -3,12 +3,14 @@
 import asyncio
 
 import pytest
+from starlette.datastructures import Headers
 from starlette.routing import Route
 
-from rig.panel.access import FILE_POLICY, PAGE_POLICY
+from rig.panel.access import FILE_POLICY, Address
 from tests.rig.panel.asgi_client import asked
-from tests.rig.panel.stub_panel import HERE, OWN, PORT, TOKEN, StubPanel
+from tests.rig.panel.stub_panel import HERE, OWN, PORT, STOP_PORT, TOKEN, StubPanel
 
+PAGE_POLICY = Address(PORT, STOP_PORT, TOKEN).page_policy
 ALL = ["/by_hand", "/go_on", "/home", "/leave", "/park", "/pause", "/step", "/stop", "/take", "/zero"]
 ELSEWHERE = "http://evil.example"
 WRONG: dict[str, dict[str, str | bytes | None]] = {
@@ -150,14 +152,49 @@ def test_a_range_is_not_read_and_the_whole_file_is_sent(path: str, part: str, pa
 
 
 def test_nothing_inline_and_nothing_from_elsewhere() -> None:
+    stops = [f"http://{name}:{STOP_PORT}" for name in ("127.0.0.1", "localhost")]
+    assert [one for one in PAGE_POLICY.split() if "http" in one] == [stops[0], f"{stops[1]};"]
+    assert "http" not in FILE_POLICY
     for policy in (PAGE_POLICY, FILE_POLICY):
         assert "default-src 'none'" in policy
         assert "frame-ancestors 'none'" in policy
-        assert "http" not in policy
         assert "unsafe-eval" not in policy
     assert "unsafe" not in PAGE_POLICY
     assert FILE_POLICY.startswith("sandbox; ")
     assert "script" not in FILE_POLICY
+
+
+STOP_HOST = f"127.0.0.1:{STOP_PORT}"
+
+
+def at_stop(panel: StubPanel, method: str, **other: str) -> tuple[int, Headers]:
+    headers = {**OWN, "host": STOP_HOST, "x-rig-tab": "a", **other}
+    answer = asked(panel.stop_app, method, "/stop", list(headers.items()), [b"{}"])
+    return answer.status_code, answer.headers
+
+
+def test_the_port_of_stop_takes_a_stop_from_the_panel_s_own_page_only(panel: StubPanel) -> None:
+    status, headers = at_stop(panel, "POST")
+    assert (status, headers["access-control-allow-origin"]) == (200, HERE)
+    assert panel.owners[0].asked == [("stop", {})]
+    status, headers = at_stop(panel, "HEAD")
+    assert (status, headers["access-control-allow-origin"]) == (200, HERE)
+    for origin in (ELSEWHERE, "null", f"http://127.0.0.1:{STOP_PORT}", f"http://localhost:{PORT}"):
+        for method in ("POST", "HEAD", "OPTIONS"):
+            status, headers = at_stop(panel, method, origin=origin)
+            assert status == 403
+            assert "access-control-allow-origin" not in headers
+    assert at_stop(panel, "POST", host=f"127.0.0.1:{PORT}")[0] == 403
+    status, headers = at_stop(panel, "POST", **{"x-rig-token": "another"})
+    assert (status, headers["access-control-allow-origin"]) == (403, HERE), "its page may read why"
+    assert panel.owners[0].asked == [("stop", {})]
+
+
+def test_a_browser_may_ask_once_for_all_whether_its_page_may_stop(panel: StubPanel) -> None:
+    status, headers = at_stop(panel, "OPTIONS", **{"x-rig-token": ""})
+    assert (status, headers["access-control-allow-origin"]) == (204, HERE)
+    assert set(headers["access-control-allow-headers"].split(", ")) == {"content-type", "x-rig-tab", "x-rig-token"}
+    assert int(headers["access-control-max-age"]) >= 3600
 
 
 def test_what_is_no_request_is_not_answered(panel: StubPanel) -> None:

@@ -17,8 +17,8 @@ from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.data.run_state import Course
 from rig.manual.status import Backlog
-from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.run_view import RunView, growing
+from rig.panel.section import Job, PressSummary, Sections
 from rig.panel.stream import Outlet
 from rig.panel.watcher import HAND, BenchView
 from rig.plan.config import Config
@@ -89,7 +89,7 @@ def a_run_that_two_pages_see(tmp_path: Path, make: Make, there: ExitStack) -> St
     async def look() -> None:
         await watcher.ask()
         await watcher.read()
-        await watcher.beat()
+        await watcher.publish()
 
     def step() -> None:
         run.press()
@@ -110,7 +110,7 @@ def a_bench_that_a_page_sees(tmp_path: Path, make: Make, there: ExitStack) -> St
 
     async def look() -> None:
         await watcher.ask()
-        await watcher.beat()
+        await watcher.publish()
 
     def step() -> None:
         loop.run_until_complete(look())
@@ -163,12 +163,11 @@ def questions_to_the_bench_by_hand(tmp_path: Path, make: Make, there: ExitStack)
 def drawings(tmp_path: Path, make: Make, there: ExitStack) -> Step:
     loop = there.enter_context(closing(asyncio.new_event_loop()))
     presses, wanted = itertools.count(), [Job(tmp_path / "rig.toml", indentor="bar:3.0")]
-    drawer = Drawer(lambda: wanted[0], Outlet(), VirtualClock())
-    drawer.process.ask = lambda job: {"skin": [[0.0, 1.0]] * 50}  # type: ignore[method-assign]
+    sections = Sections(lambda: wanted[0], Outlet(), VirtualClock())
 
     def step() -> None:
         wanted[0] = replace(wanted[0], press=PressSummary(next(presses), "data", 0.1, "doi_mm", 1.0))
-        loop.run_until_complete(drawer.look())
+        loop.run_until_complete(sections.look())
 
     return step
 
@@ -210,7 +209,7 @@ def test_a_look_at_which_nothing_is_new_needs_next_to_nothing(what: str, tmp_pat
     async def look() -> None:
         await watcher.ask()
         await watcher.read()
-        await watcher.beat()
+        await watcher.publish()
 
     looks: dict[str, Step] = {
         "a run": lambda: seen.look(0.0),

@@ -88,6 +88,7 @@ def test_stop_is_sent_first_and_repeated_until_it_is_answered(walk: Walk) -> Non
         at_the_press = [one["path"] for one in scene["sent"] if one["at_ms"] == begun_ms]
         assert at_the_press[-2:] == ["/stop", "/stop"], name
         assert [one["by"] for one in stops[:2]] == ["page", "worker"], name
+        assert [one["port"] for one in stops[:4]] == ["stop", "stop", "page", "stop"], name
         again_ms = [one["at_ms"] for one in stops[1:]]
         assert {later - one for one, later in pairwise(again_ms)} == {300}, name
         assert again_ms[-1] - begun_ms == 2100, "not after its answer"

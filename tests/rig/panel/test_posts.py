@@ -208,7 +208,7 @@ def test_a_stop_goes_to_everything_that_is_real_and_to_what_is_shown(make: Make)
     rehearsal = StubOwner(pid=3, virtual=True, began_unix_s=3.0)
     answer = make(real, other, rehearsal).post("/stop")
     assert answer == (
-        200, {"ok": True, "problem": None, "stopped": [1, 2], "words": "the stop reached process 1, 2"},
+        200, {"ok": True, "problem": None, "stopped": [1, 2], "words": "process 1, 2 has stopped the stage"},
     )  # fmt: skip
     assert [one.asked for one in (real, other, rehearsal)] == [[("stop", {})], [("stop", {})], []]
     assert make(rehearsal).post("/stop")[1]["stopped"] == [3]

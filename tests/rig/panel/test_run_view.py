@@ -8,10 +8,14 @@ from typing import Any
 import pytest
 
 from rig.data.folder import RunFolder
-from rig.panel.drawing import Job
+from rig.data.run_status import RunStatus
+from rig.engine.contact_words import FREE_THE_FINGER
+from rig.manual.orders import HOME_FIRST
 from rig.panel.run_view import GROWS_S, RunView, growing, limits_state, written_s
+from rig.panel.section import Job
 from rig.panel.watcher import HAND, BenchView
 from rig.plan.config import Config
+from rig.session.early_ending import Ending
 from rig.units import GWT_N
 
 NOW_S = 2000.0
@@ -69,23 +73,58 @@ def test_a_clock_that_is_ahead_makes_nothing_younger_than_its_journal(run: Writt
     assert row[0] == written_s(run.path)
 
 
-def test_limits_and_margins_in_either_unit(run: Written) -> None:
+def test_the_limits_are_those_of_the_run(run: Written) -> None:
+    assert told(run).limits_state() == limits_state(Config(), 0.05)
+    found = limits_state(Config(), 0.05)
+    assert (found["trip_gwt"], found["max_doi_mm"]) == (pytest.approx(0.05 / GWT_N), 1.5)
+    assert limits_state(Config(), None)["trip_gwt"] == pytest.approx(2.0 / GWT_N)
+
+
+def test_a_trip_is_told_at_once_and_then_as_the_terminal_words_the_ending(run: Written) -> None:
+    run.event("sample", **SAMPLE)
+    assert told(run).attention(going=True, stopped=False) is None
+    run.event("trip", reason="the force sensor is silent", force_gwt=None)
+    at_once = told(run).attention(going=True, stopped=False)
+    assert at_once is not None
+    assert (at_once["status"], at_once["reason_text"]) == ("tripped", "the force sensor is silent")
+    run.event("retract", height_mm=2.0, contact="raised", force_gwt=None)
+    assert told(run).newest_state(NOW_S)["height_mm"] == 2.0
+    at = {"left": "held", "x_mm": 0.5, "height_mm": -0.1, "trusted": False, "may_touch": True, "contact": "touching"}
+    run.doc("stop", status="tripped", reason="the force sensor is silent", indentor=at)
     seen = told(run)
-    assert seen.limits_state() is not None
-    run.event("sample", **{**SAMPLE, "force_gwt": -1.5})
-    seen.look(NOW_S)
-    assert seen.limits_state() == limits_state(Config(), 0.05, -1.5)
-    found = limits_state(Config(), 0.05, -1.5)
-    assert found["trip_n"] == pytest.approx(0.05)
-    assert found["trip_gwt"] == pytest.approx(0.05 / GWT_N)
-    assert found["margin_gwt"] == pytest.approx(0.05 / GWT_N - 1.5)
-    assert found["margin_n"] == pytest.approx(0.05 - 1.5 * GWT_N)
-    assert (found["hard_trip_n"], found["hard_margin_n"]) == pytest.approx((5.0, 5.0 - 1.5 * GWT_N))
-    assert found["hard_margin_gwt"] == pytest.approx(5.0 / GWT_N - 1.5)
-    assert (found["max_doi_mm"], found["max_force_gwt"]) == (1.5, 100.0)
-    none = limits_state(Config(), None, None)
-    assert none["trip_n"] == pytest.approx(2.0)
-    assert [none[f"{name}_{unit}"] for name in ("margin", "hard_margin") for unit in ("gwt", "n")] == [None] * 4
+    for going in (True, False):
+        ending = seen.attention(going=going, stopped=False)
+        expected = Ending.recorded(seen, RunStatus.TRIPPED)
+        assert ending is not None
+        assert ending["may_touch"] is True
+        assert (ending["reason_text"], ending["where_text"], ending["next_text"], ending["resume"]) == (
+            expected.reason, expected.at.words, expected.next, expected.resume,
+        )  # fmt: skip
+    newest = seen.newest_state(NOW_S)
+    assert (newest["height_mm"], newest["doi_mm"], newest["phase"]) == (-0.1, 0.1, None)
+
+
+def test_after_a_lift_the_depth_of_the_last_reading_is_gone(run: Written) -> None:
+    run.event("sample", **SAMPLE)
+    assert told(run).newest_state(NOW_S)["doi_mm"] == 0.1
+    run.event("retract", height_mm=2.0, contact="lifted", force_gwt=0.0)
+    newest = told(run).newest_state(NOW_S)
+    assert (newest["doi_mm"], newest["height_mm"], newest["force_gwt"]) == (None, 2.0, 1.5)
+
+
+def test_after_a_stop_the_finger_is_named_before_the_run_has_its_ending(run: Written) -> None:
+    run.event("sample", **SAMPLE)
+    found = told(run).attention(going=True, stopped=True)
+    assert found is not None
+    assert (found["status"], found["may_touch"], found["next_text"]) == ("aborted", True, FREE_THE_FINGER)
+
+
+def test_a_run_that_is_done_asks_for_no_attention(run: Written) -> None:
+    run.doc("stop", status="done")
+    seen = told(run)
+    assert seen.attention(going=False, stopped=False) is not None, "two presses are missing"
+    seen.finished = {0, 1}
+    assert seen.attention(going=False, stopped=False) is None
 
 
 @pytest.mark.parametrize(
@@ -166,18 +205,26 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     assert bench.update(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
     assert bench.since == 12
     assert bench.newest_state(101.5) == {
-        "force_gwt": 1.5, "force_n": 1.5 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": 3.0, "phase": "step",
-        "t_s": 3.0, "age_s": 1.5,
+        "force_gwt": 1.5, "doi_mm": None, "x_mm": 0.5, "y_mm": None, "height_mm": 3.0, "phase": "step",
+        "t_s": 3.0, "age_s": 1.5, "placed_age_s": 0.5,
     }  # fmt: skip
     assert bench.newest_state(99.0)["age_s"] == 0.0
     told = bench.devices_state(101.5)
     assert told["stage"] == {"word": "idle", "homed": True, "age_s": 0.5}
     assert told["force"] == {"word": "reads", "age_s": 1.5}
-    assert bench.limits_state() == limits_state(Config(), None, 1.5)
+    assert bench.limits_state() == limits_state(Config(), None)
     assert bench.update({**status, "zeroed": True, "readings": None}) == []
     assert bench.devices_state(101.5)["force"]["word"] == "zeroed"
     bench.update({**status, "stage_problem": "the stage is silent", "force_problem": "no reading"})
     assert [one["word"] for one in bench.devices_state(101.5).values()] == ["the stage is silent", "no reading"]
+    assert bench.attention is None
+    contact = {"where_text": "last known at x = 0.50 mm", "to_do_text": "free the finger", "may_touch": True}
+    for stopped, status_word in ((True, "aborted"), (False, "tripped")):
+        bench.update({**status, "next": HOME_FIRST, "stopped": stopped, "ended_by": "21 gwt", "contact": contact})
+        found = bench.attention
+        assert found is not None
+        assert (found["status"], found["reason_text"], found["may_touch"]) == (status_word, "21 gwt", True)
+        assert found["next_text"] == f"free the finger; then {HOME_FIRST}"
     bench.begin(7)
     assert (bench.owner, bench.since, bench.newest_state(1.0)["force_gwt"]) == (7, 0, None)
 

@@ -9,6 +9,7 @@ import pytest
 from rig.clock import WallClock
 from rig.control.client import announced
 from rig.panel.app import Panel
+from rig.units import GWT_N
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
 from tests.waiting import until
 
@@ -40,7 +41,7 @@ def test_a_person_works_through_the_panel(apart: tuple[str, str, Path], serve: S
             owner.pid,
             False,
         )
-        assert state["limits"]["trip_n"] == pytest.approx(2.0)
+        assert state["limits"]["trip_gwt"] == pytest.approx(2.0 / GWT_N)
         assert page.until("readings", lambda told: told["hand"] and told["rows"])["dropped"] == 0
 
         assert post(panel, "/home")[0] == 200
@@ -54,7 +55,9 @@ def test_a_person_works_through_the_panel(apart: tuple[str, str, Path], serve: S
         assert rest["x_mm"] == pytest.approx(homed["x_mm"] - 1.0, abs=0.003)
 
         assert post(panel, "/stop", tab="another")[0] in (200, 503)
-        assert hand(page, lambda told: told["stopped"])["homed"] is False
+        after = page.until("state", lambda told: told["hand"] and told["hand"]["stopped"])
+        assert after["hand"]["homed"] is False
+        assert (after["attention"]["status"], bool(after["attention"]["where_text"])) == ("aborted", True)
         assert step(panel, 1.0)[0] == 409
 
         assert post(panel, "/leave")[0] == 200

@@ -24,7 +24,6 @@ from rig.control.owner_socket import ControlSocket
 from rig.data.events import STREAMS
 from rig.data.journal import Journal
 from rig.panel.app import Panel
-from rig.panel.drawing import DrawingError, DrawingProcess, Job
 from rig.panel.owners import ManualProcess, NotTakenError
 from tests.error_codes import raises
 from tests.preloaded import Popen
@@ -328,28 +327,6 @@ def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) 
     assert bench._process is not None
     assert until(lambda: bench._process.poll() is not None)
     bench.forget()
-
-
-# --- the process that draws ---
-
-
-def test_the_process_that_draws_is_begun_anew_where_it_is_lost(tmp_path: Path) -> None:
-    config = tmp_path / "config.toml"
-    config.write_text("", encoding="utf-8")
-    process = DrawingProcess()
-    try:
-        first = process.ask(Job(config, None, "bar:3.0"))
-        assert len(first["skin"]) == 181
-        assert process._process is not None
-        assert process._process.pid is not None
-        os.kill(process._process.pid, signal.SIGKILL)
-        with raises(DrawingError, "process_ended"):
-            process.ask(Job(config, None, "bar:3.0"))
-        assert process.ask(Job(config, None, "bar:3.0")) == first
-        assert process.ask(Job(tmp_path / "none.toml"))["code"] == "file_not_found"
-    finally:
-        process.close()
-    assert process._process is None
 
 
 # --- the command ---

@@ -56,3 +56,24 @@ def test_stop_is_answered_beside_every_attack(name: str, tmp_path: Path, monkeyp
         lines = beside_progress(panel.log.read_text("utf-8")).splitlines()
         assert len(lines) <= MOST_LINES
         assert not any(line.startswith("Traceback") for line in lines)
+
+
+@pytest.mark.parametrize("name", ["half_requests", "no_descriptors"])
+def test_stop_over_the_page_s_own_connection_is_answered_while_both_ports_are_attacked(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(subprocess, "Popen", Popen)
+    with panel_under_attack(tmp_path, DESCRIPTORS) as panel, panel.connected(DEADLINE_S) as wire:
+        assert panel.status(wire, "POST", "/stop") == 200
+        with (
+            under(name, panel.port, panel.token, CONNECTIONS),
+            under(name, panel.stop_port, panel.token, CONNECTIONS),
+        ):
+            if ATTACKS[name].takes_descriptors:
+                panel.use_up_descriptors()
+            panel.stops_s.clear()
+            own = wire.sock
+            for _ in range(3):
+                assert panel.status(wire, "POST", "/stop") == 200
+            assert wire.sock is own, "it was not opened anew"
+            assert len(panel.stops_s) == 3

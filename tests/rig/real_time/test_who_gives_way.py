@@ -4,16 +4,14 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from threadpoolctl import threadpool_info
 
-import rig.panel.drawing as drawing_process
 import sim.finger_process as finger_process
 import sim.workers as workers
-from rig.panel.drawing import DrawingProcess, Job
 from sim.config import FingertipConfig
 from sim.finger_process import FingerProcess
 from sim.models.fingertip import Fingertip
@@ -39,18 +37,8 @@ def _loaded(finger: Fingertip) -> None:
     """It has begun."""
 
 
-@contextmanager
-def _drawings(folder: Path) -> Iterator[int]:
-    with closing(DrawingProcess()) as process:
-        process.ask(Job(folder / "none.toml"))
-        assert process._process is not None
-        assert process._process.pid is not None
-        yield process._process.pid
-
-
 BEGUN = {
     "sim/finger_process.py": (_finger, finger_process._GIVES_WAY, 5),
-    "rig/panel/drawing.py": (_drawings, drawing_process._GIVES_WAY, 10),
 }
 NEITHER_SOLVES_NOR_DRAWS = {
     "rig/panel/owners.py": "owns the ports itself",

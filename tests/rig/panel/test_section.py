@@ -1,28 +1,34 @@
 """What is drawn: the finger's section, every kind of indentor, and the curve that a press is expected to give."""
 
+import asyncio
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-import rig.panel.drawing as drawing
-from rig.panel.drawing import (
+import rig.panel.section as section
+from rig.panel.section import (
     DEPTHS,
     HIGHEST_MM,
     Job,
     PressSummary,
-    drawn,
+    Sections,
+    depths_of,
     finger_outlines,
     indentor_outline,
-    predicted,
+    section_of,
 )
+from rig.panel.stream import Outlet
 from rig.plan.finger_model import copy_name
 from rig_shared.errors import code_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import ShapeError, parse_shape
+from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
+from tests.rig.panel.test_outlet import events
 
 PRESS = PressSummary(3, "data", 0.5, "doi_mm", 0.6)
 
@@ -110,50 +116,54 @@ def test_shapes_of_one_s_own_are_cut_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("target", "value"), [("doi_mm", 0.6), ("force_gwt", 2.33)])
 def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: float, finger: Fingertip) -> None:
     press = PressSummary(0, "data", 0.5, target, value)
-    curve, at_target = predicted(finger, parse_shape("bar:3.0"), press)
-    assert len(curve["doi_mm"]) == len(curve["force_gwt"]) == DEPTHS + 1
-    assert (curve["doi_mm"][0], curve["force_gwt"][0]) == (0.0, 0.0)
-    assert curve[target][-1] == pytest.approx(value, rel=1e-6)
-    for k in (2, DEPTHS):
-        alone = finger.indent("bar:3.0", 0.5, doi_mm=curve["doi_mm"][k])
-        assert curve["force_gwt"][k] == pytest.approx(alone.force_gwt, rel=1e-6)
-    np.testing.assert_allclose(np.diff(curve["doi_mm"]), curve["doi_mm"][-1] / DEPTHS, rtol=1e-9)
-    last = finger.indent("bar:3.0", 0.5, doi_mm=curve["doi_mm"][-1])
-    assert at_target["contact"] == [pytest.approx(region, abs=1e-3) for region in last.contact_regions_mm]
-    x, y = last.skin_profile
-    np.testing.assert_allclose(at_target["pressed_skin"], np.stack([x, y - finger.apex_height_mm], 1), atol=2e-4)
+    depths = depths_of(finger, parse_shape("bar:3.0"), press)
+    assert len(depths) == DEPTHS
+    assert depths[-1][target] == pytest.approx(value, rel=1e-6)
+    for one in (depths[1], depths[-1]):
+        alone = finger.indent("bar:3.0", 0.5, doi_mm=one["doi_mm"])
+        assert one["force_gwt"] == pytest.approx(alone.force_gwt, rel=1e-6)
+        assert one["contact"] == [pytest.approx(region, abs=1e-3) for region in alone.contact_regions_mm]
+        x, y = alone.skin_profile
+        np.testing.assert_allclose(one["skin"], np.stack([x, y - finger.apex_height_mm], 1), atol=2e-4)
+    each_mm = np.diff([0.0, *(one["doi_mm"] for one in depths)])
+    np.testing.assert_allclose(each_mm, depths[-1]["doi_mm"] / DEPTHS, rtol=1e-9)
 
 
-def test_beyond_the_model_there_is_no_curve_and_a_reason(finger: Fingertip) -> None:
-    curve, at_target = predicted(finger, parse_shape("bar:3.0"), PressSummary(0, "data", 0.0, "doi_mm", 3.0))
-    assert (curve["doi_mm"], curve["force_gwt"], at_target) == (None, None, {})
-    assert curve["code"] == "doi_outside"
-    assert curve["problem"]
+def test_a_press_that_is_over_is_not_solved_on(finger: Fingertip) -> None:
+    press = PressSummary(0, "data", 0.5, "doi_mm", 0.6)
+    assert len(depths_of(finger, parse_shape("bar:3.0"), press, lambda: True)) == 1
+
+
+def test_beyond_the_model_there_is_no_curve_and_a_reason(config: Path) -> None:
+    found = section_of(Job(config, None, "bar:3.0", 0.0, PressSummary(0, "data", 0.0, "doi_mm", 3.0)))
+    assert "depths" not in found
+    assert found["skin"]
+    assert (found["code"], bool(found["problem"])) == ("doi_outside", True)
 
 
 # --- a drawing ---
 
 
 def test_a_drawing_along_the_finger_is_of_that_section(config: Path, finger: Fingertip) -> None:
-    found = drawn(Job(config, None, None, 1.5))
+    found = section_of(Job(config, None, None, 1.5))
     plane_mm, apex_mm = finger.config.receptor_plane_mm, finger.apex_height_mm
     assert found["skin"] == finger_outlines(finger.config, finger.surface, plane_mm + 1.5, apex_mm)["skin"]
     assert (found["along_mm"], found["indentor"]) == (1.5, None)
-    assert "prediction" not in found
+    assert "depths" not in found
 
 
 def test_a_run_s_own_copies_are_what_is_read(config: Path, tmp_path: Path) -> None:
     (tmp_path / copy_name("mine.csv")).write_text("x_mm,height_mm\n-1,0.5\n0,0\n1,0.5\n", encoding="utf-8")
-    told = drawn(Job(config, tmp_path, "profile:mine.csv"))
+    told = section_of(Job(config, tmp_path, "profile:mine.csv"))
     s, height = np.array(told["indentor"]).T
     assert float(np.interp(1.0, s, height)) == pytest.approx(0.5, abs=1e-3)
-    assert list(drawn(Job(config, None, "profile:mine.csv"))) == ["problem", "code"]
+    assert list(section_of(Job(config, None, "profile:mine.csv"))) == ["problem", "code"]
 
 
 def test_a_configuration_that_changes_is_read_anew(config: Path) -> None:
-    before = drawn(Job(config))["skin"]
+    before = section_of(Job(config))["skin"]
     config.write_text("[finger.geometry]\nproximal_apex_mm = 3.5\n", encoding="utf-8")
-    assert drawn(Job(config))["skin"] != before
+    assert section_of(Job(config))["skin"] != before
 
 
 @pytest.mark.parametrize(
@@ -171,8 +181,8 @@ def test_what_cannot_be_drawn_is_told(
         raise RuntimeError("by mistake")
 
     monkeypatch.chdir(config.parent)
-    monkeypatch.setattr(drawing, "_finger", broken)
-    found = drawn(job)
+    monkeypatch.setattr(section, "_finger", broken)
+    found = section_of(job)
     assert list(found) == ["problem", "code"]
     if code is None:  # the shape's own
         with pytest.raises(ShapeError) as refused:
@@ -182,4 +192,18 @@ def test_what_cannot_be_drawn_is_told(
         assert found["code"] == code
 
 
-# --- the newest ---
+# --- what pages are told ---
+
+
+def test_pages_get_the_finger_first_and_then_the_press(config: Path) -> None:
+    outlet, clock, press = Outlet(), VirtualClock(1000.0), replace(PRESS, value=0.2)
+    asked = [Job(config, None, "bar:3.0", 0.0, press)]
+    sections = Sections(lambda: asked[0], outlet, clock)
+    with outlet.joined() as client:
+        found = []
+        for _ in range(3):
+            asyncio.run(sections.look())
+            found += [told for kind, told in events(client.taken(0.0)) if kind == "section"]
+    still, pressed = found
+    assert (still["index"], still["depths"], bool(still["skin"])) == (None, [], True)
+    assert (pressed["index"], pressed["purpose"], len(pressed["depths"])) == (3, "data", DEPTHS)
