@@ -395,6 +395,7 @@ class AilingSensor:
         self.drifts_gwt_s, self._since_s = 0.0, 0.0
         self._last: ForceReading | None = None
         self.zeroed_s = 0.0  # when it was last zeroed
+        self.read_s: list[float] = []  # when it was read since then
 
     def fail(self, how: str | None) -> None:
         """Fail from now on; None: no longer."""
@@ -405,6 +406,7 @@ class AilingSensor:
 
     def zero(self) -> None:
         self.zeroed_s = self._clock.monotonic_s()
+        self.read_s.clear()
         self._sensor.zero()
 
     def read(self) -> ForceReading:
@@ -414,6 +416,7 @@ class AilingSensor:
         if self.fails == "overload":
             raise ForceOverload("above the range of the sensor")
         reading = self._sensor.read()
+        self.read_s.append(self._clock.monotonic_s())
         force_n = reading.force_n
         if self.fails == "frozen" and self._last is not None:
             force_n = self._last.force_n

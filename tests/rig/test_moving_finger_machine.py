@@ -44,6 +44,7 @@ proportion to a faster one (gwt): half the trip.
 """
 USUAL_TRAVEL_MM_S = 5.0
 NOISIEST_GWT = 0.2
+READINGS_OF_A_ZERO = 12
 CONTACT_S = 60.0
 COMPLETED_S = 10.0
 """How long a controller takes at most for what a killed program told it (s)."""
@@ -407,7 +408,8 @@ class FingerMachine(RuleBasedStateMachine):
             return
         noise_gwt = engine.sensing.noise_gwt
         judge(noise_gwt <= NOISIEST_GWT, f"noise of {noise_gwt:.2f} gwt")
-        samples = [one for one in bench.witness.samples if one.t_s >= bench.force.zeroed_s]
+        until_s = bench.force.read_s[:READINGS_OF_A_ZERO][-1]
+        samples = [one for one in bench.witness.samples if bench.force.zeroed_s <= one.t_s <= until_s]
         there = [one for one in samples if abs(one.height_mm - samples[0].height_mm) < 1e-3]
         pressed = sum(before.force_gwt * (after.t_s - before.t_s) for before, after in pairwise(there))
         mean_gwt = pressed / (there[-1].t_s - there[0].t_s) if len(there) > 1 else 0.0
