@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from rig.clock import Clock
 from rig.errors import BadInputError
@@ -183,7 +184,8 @@ def section_of(job: Job, over: Callable[[], bool] = lambda: False) -> Section:
         section = _still(config, job)
         if job.press is not None:
             try:
-                section["depths"] = depths_of(_finger(config), _shape(job), job.press, over)
+                with threadpool_limits(1):  # A run needs the other cores.
+                    section["depths"] = depths_of(_finger(config), _shape(job), job.press, over)
             except ModelRangeError as error:
                 section |= {"problem": str(error), "code": code_of(error)}
         return section

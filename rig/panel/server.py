@@ -5,6 +5,7 @@ uvicorn limits neither the number of open connections nor the time until the fir
 """
 
 import asyncio
+import errno
 import json
 import logging
 import os
@@ -186,7 +187,7 @@ class Server(uvicorn.Server):
 
     def _note(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Log an error of the loop; where it could not accept a connection, free descriptors for its next try."""
-        if isinstance(context.get("exception"), OSError):
+        if getattr(context.get("exception"), "errno", None) in (errno.EMFILE, errno.ENFILE):
             self._reserve.close()
         loop.default_exception_handler(context)
 

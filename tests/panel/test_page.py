@@ -66,31 +66,7 @@ def test_a_trip_or_a_stop_is_a_red_notice_that_stays_and_says_what_to_do(
     expect(page.locator("#attention")).to_be_hidden()
 
 
-def test_the_last_position_is_that_after_the_lift(bench: Bench, opened: Opened) -> None:
-    one = bench(scenes.running())
-    page = _filled(one, opened)
-    _read(one, 2.0)
-    expect(page.locator("#height_words")).to_have_text("−0.398 mm")
-    one.state["newest"] |= {"height_mm": 2.0, "doi_mm": None, "y_mm": 0.5}
-    expect(page.locator("#height_words")).to_have_text("2.000 mm")
-    expect(page.locator("#depth_words")).to_have_text("–")
-    expect(page.locator("#y_words")).to_have_text("0.50 mm")
-
-
-def test_a_server_that_is_silent_is_told_of_and_found_again(bench: Bench, opened: Opened) -> None:
-    one = bench(scenes.running())
-    page = _filled(one, opened)
-    expect(page.locator("[data-post=pause]")).to_be_enabled()
-    one.talking.clear()
-    expect(page.locator("#no_server")).to_be_visible()
-    expect(page.locator("#read_at")).to_have_attribute(*coded("old"))
-    expect(page.locator("[data-post=pause]")).to_be_disabled()
-    one.talking.set()
-    expect(page.locator("#no_server")).to_be_hidden()
-    expect(page.locator("[data-post=pause]")).to_be_enabled()
-
-
-def test_numbers_have_both_units_and_old_ones_their_age(bench: Bench, opened: Opened) -> None:
+def test_numbers_are_the_last_ones_in_both_units_and_old_ones_have_their_age(bench: Bench, opened: Opened) -> None:
     one = bench(scenes.running())
     one.state["newest"] |= {"age_s": None, "placed_age_s": None}
     page = _filled(one, opened)
@@ -102,6 +78,17 @@ def test_numbers_have_both_units_and_old_ones_their_age(bench: Bench, opened: Op
     expect(page.locator("#depth_words")).to_have_text("0.400 mm (400 µm)")
     expect(page.locator("#margin_words")).to_have_text("8.05 gwt (0.0789 N)")
     expect(page.locator("#trip_words")).to_have_text("20.39 gwt (0.2000 N)")
+    one.state["newest"] |= {
+        "height_mm": 2.0,
+        "doi_mm": None,
+        "y_mm": 0.5,
+        "age_s": 0.0,
+        "placed_age_s": 0.0,
+    }  # lifted
+    expect(page.locator("#height_words")).to_have_text("2.000 mm")
+    expect(page.locator("#depth_words")).to_have_text("–")
+    expect(page.locator("#y_words")).to_have_text("0.50 mm")
+    one.state["newest"] |= {"age_s": None, "placed_age_s": None}
     page.evaluate("(() => { const now = Date.now; Date.now = () => now() - 3600e3; })()")  # a clock that is set back
     expect(page.locator("#read_at")).to_have_attribute(*coded("old"))
 
@@ -301,10 +288,7 @@ def test_a_click_a_tap_or_a_key_is_one_step_and_nothing_else_is(bench: Bench, op
     page.evaluate("new Promise((done) => setTimeout(done, 300))")
     assert len(_of(one, "/step")) == steps
 
-
-def test_a_zero_that_is_refused_may_be_insisted_on(bench: Bench, opened: Opened) -> None:
-    one = bench(scenes.by_hand())
-    page = _filled(one, opened)
+    one.state["hand"] |= {"busy": None}
     expect(page.locator("#zero_anyway")).to_be_hidden()
     page.locator("[data-post=zero]:not([data-body])").click()
     until(lambda: len(_of(one, "/zero")) == 1)
