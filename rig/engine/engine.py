@@ -512,6 +512,7 @@ class Engine:
         by_mm = min(max(to_mm - self.height_mm, self.settings.habits.clearance_mm), top_mm - self.height_mm)
         stage, speed_mm_s = self.bench.stage, self.settings.habits.travel_speed_mm_s
         stage.unlock()
+        self.heartbeat.rest()  # Each jog ends by itself.
         if by_mm > AT_MM:
             lift_from_rest(stage, self.clock, by_mm, speed_mm_s)
         self.motion.set_position(stage.status())

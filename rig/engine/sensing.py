@@ -311,6 +311,7 @@ class Sensing:
         return self.zero
 
     def _read(self, wait_s: float) -> ForceReading:
+        self._read_s = -math.inf
         reading = read(self.sensor, self._clock, wait_s, self.max_age_s, self._listener)
         self._read_s = real_s(self._clock)
         return reading

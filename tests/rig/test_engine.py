@@ -365,6 +365,20 @@ def test_from_a_way_that_it_left_it_goes_up_by_clearance_at_least(from_mm: float
     assert bench.height_mm == pytest.approx(at_mm[-1] + 2.0 if to_mm is None else to_mm, abs=0.01)
 
 
+def test_a_slow_lift_of_a_stage_that_left_its_way_loses_no_heartbeat() -> None:
+    """2 mm at 0.5 mm/s take 4 s, and the heartbeat 3."""
+    bench = StubBench({"habits": {"travel_speed_mm_s": 0.5}})
+    engine = bench.in_contact()
+
+    def strays() -> None:
+        bench.stage.at_mm[0] += 1.0
+
+    bench.stage.at_look = strays
+    with looked_after_by(bench.clock, engine.heartbeat), raises(TripError, "off_its_way", axis="x"):
+        engine.go_to_height(1.9, 0.5)
+    assert bench.stage.told.count("stop") == 1
+
+
 @pytest.mark.parametrize(("off_mm", "strays"), [(0.0050, False), (0.0054, False), (0.0056, True)])
 def test_a_report_may_be_off_by_a_step_and_what_it_is_rounded_by(off_mm: float, strays: bool) -> None:
     """A step of 2.5 um at 400 steps/mm; 3 um more are the rounding of reports and the error of a feedback."""

@@ -42,6 +42,16 @@ def test_a_sensor_that_fails_gives_no_reading(error: Exception, code: str) -> No
     assert causes(found.value)[0] == code
 
 
+def test_after_a_reading_that_failed_an_earlier_one_is_no_new_one() -> None:
+    sensor, sensing = _sensing()
+    sensing.now()
+    assert sensing.has_new_reading
+    sensor.at_read = raising(ForceTimeout("no answer"))
+    with raises(NoReadingError, "no_reading", error="no answer"):
+        sensing.now()
+    assert not sensing.has_new_reading
+
+
 @pytest.mark.parametrize("shown", [math.nan, math.inf, -math.inf])
 def test_a_force_of_nan_or_infinity_gives_no_reading(shown: float) -> None:
     sensor, _ = _sensing()
