@@ -28,6 +28,7 @@ LEAST_EDGE_SPACINGS = 0.7
 MOST_BYTES = 100_000_000
 """Largest file of numbers: each of a million points with three long ones."""
 
+_ONE_INK, _LEAST_HUE = 0.1, 0.01  # deviation across the line of the colors, over that along it, and at least
 RAISED_IN_PICTURES = ("dark", "light")
 _OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.001, 2.0), "edge_mm": (0.0, 2.0)}
 
@@ -140,6 +141,18 @@ def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array,
     return _centered(height_mm * away, width_mm / light.shape[1])
 
 
+def _refuse_several_hues(where: str, pixels: Array) -> None:
+    """Refuse (rows, columns, 3) colors that do not lie on a line from one ink to the paper."""
+    colors = pixels.reshape(-1, 3)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(colors.T)), 0.0))
+    if spread[1] > max(_ONE_INK * spread[2], _LEAST_HUE):
+        raise HeightMapError(
+            f"{where}: the picture is in several colors, and height is read from brightness; save the heights as "
+            "gray, or as numbers (.npy, .csv)",
+            "several_colors",
+        )
+
+
 def _grey(where: str, file: str) -> Array:
     """Return (rows, columns) 0 (black) to 1 (white); transparent pixels are white."""
     from PIL import Image, UnidentifiedImageError
@@ -159,7 +172,9 @@ def _grey(where: str, file: str) -> Array:
                 return np.asarray(image, dtype=np.float64) / 65535
             whole = image.convert("RGBA")
             white = Image.new("RGBA", whole.size, "white")
-            return np.asarray(Image.alpha_composite(white, whole).convert("L"), dtype=np.float64) / 255
+            opaque = Image.alpha_composite(white, whole)
+            _refuse_several_hues(where, np.asarray(opaque.convert("RGB"), dtype=np.float64) / 255)
+            return np.asarray(opaque.convert("L"), dtype=np.float64) / 255
     except OSError as error:
         what = "not a picture" if isinstance(error, UnidentifiedImageError) else error.strerror or "damaged"
         raise _no_picture(where, what) from None

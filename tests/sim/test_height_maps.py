@@ -241,6 +241,15 @@ def test_pictures_of_every_color_mode_are_read_alike(tmp_path: Path, mode: str) 
     )
 
 
+def test_a_picture_in_red_ink_is_read(tmp_path: Path) -> None:
+    black = np.zeros((40, 40), bool)
+    black[:, 15:25] = True
+    red = np.stack([np.full((40, 40), 255), 255 * ~black, 255 * ~black], -1).astype(np.uint8)
+    Image.fromarray(red).save(tmp_path / "a.png")
+    there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=2,height_mm=0.3")
+    assert there.evaluate(np.array([[0.8], [0.0]])).height_mm[0] > 0.2
+
+
 def test_height_maps_from_npy_csv_and_points_are_read_alike(tmp_path: Path) -> None:
     there = waves()
     rows = there.height_mm[::-1]  # the first nearest the tip
@@ -380,6 +389,9 @@ def files(folder: Path) -> None:
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (20, 20), np.uint8)).save(folder / "noise.png")
     (folder / "cut.png").write_bytes((folder / "noise.png").read_bytes()[:200])
     Image.new("L", (1001, 1000)).save(folder / "large.png")
+    for colors in ("viridis", "jet", "coolwarm"):
+        painted = matplotlib.colormaps[colors](np.linspace(0.0, 1.0, 400).reshape(20, 20))
+        Image.fromarray((255 * painted).astype(np.uint8)).save(folder / f"{colors}.png")
     rows = [f"{x},{z},0" for x in range(4) for z in range(4)]
     for name, lines in {
         "hole": rows[:-1],
@@ -412,6 +424,9 @@ REFUSED = {
     "good.png": "option_missing",
     "good.png,width_mm=3,height_mm=1,raised=up": "unknown_raised",
     "cut.png,width_mm=3,height_mm=1": "no_picture",
+    "viridis.png,width_mm=3,height_mm=1": "several_colors",
+    "jet.png,width_mm=3,height_mm=1": "several_colors",
+    "coolwarm.png,width_mm=3,height_mm=1": "several_colors",
     "large.png,width_mm=3,height_mm=1": "too_many_pixels",
     "hole.csv": "hole",
     "twice.csv": "overhang",

@@ -22,7 +22,7 @@ from rig.compare.recordings.reading import (
     to_mirror,
 )
 from rig.compare.recordings.recording import Recording, shape_key
-from rig.compare.recordings.summary_labels import is_summary
+from rig.compare.recordings.summary_rows import is_summary
 from rig.compare.recordings.table_cells import refuse_not_understood, table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import Row, column_list, no_rows, read_table
+from rig.compare.recordings.summary_rows import refuse_summary_labels, refuse_total_rows
 from rig_shared.outputs import Output
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
@@ -38,6 +39,7 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
     rows = read_table(path, ("deflection_mm",), _COLUMNS)
     if not rows:
         raise no_rows(path, column_list(("deflection_mm",), _COLUMNS))
+    refuse_summary_labels(rows)
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
         raise RecordingError(f"{path}, row 1: must have a column x_mm, z_mm, or both", "no_place")
@@ -46,7 +48,10 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
         name: np.array([row.number(name, least) if name in given else usual[name] for row in rows])
         for name, least in zip(_COLUMNS, (-np.inf, PROXIMAL_MM), strict=True)
     }
-    return SkinDeflection(**places, deflection_mm=downward_mm(path, rows))
+    down_mm = downward_mm(path, rows)
+    columns = ["deflection_mm", *given]
+    refuse_total_rows(rows, columns, np.column_stack([down_mm, *(places[name] for name in given)]), "point")
+    return SkinDeflection(**places, deflection_mm=down_mm)
 
 
 def downward_mm(path: Path, rows: Sequence[Row]) -> Array:

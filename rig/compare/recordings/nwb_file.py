@@ -100,6 +100,8 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
 
 
 _LONGEST_S = 86_400.0
+_FARTHEST = 100.0
+"""Ratio of times beyond which the later ones are in another unit."""
 
 
 class _Units(NamedTuple):
@@ -272,7 +274,23 @@ def _observed(file: h5py.File, path: Path, columns: ColumnMap, units: _Units, ro
                 "spikes_outside_observed",
             )
     invalid = _invalid(file, path)
-    return found if invalid is None else without(found, invalid)
+    if invalid is None:
+        return found
+    every_s = columns["time"].factor * _numbers(values_of(units.all_times, path), path, f"units/{units.column}")
+    _refuse_another_unit(path, invalid, np.concatenate([every_s, found[np.isfinite(found)]]))
+    return without(found, invalid)
+
+
+def _refuse_another_unit(path: Path, invalid: Array, times_s: Array) -> None:
+    """Refuse intervals that end after a day, or long after the other times of the file (s)."""
+    ends_s = invalid[np.isfinite(invalid)]
+    last_s = float(np.abs(times_s).max(initial=0.0))
+    if len(ends_s) and ends_s.max() > min(_LONGEST_S, _FARTHEST * last_s or _LONGEST_S):
+        raise RecordingError(
+            f"{path}, intervals/invalid_times: end at {ends_s.max():g} s, and the last time of a unit is "
+            f"{last_s:g} s; write them in s, also if the spikes are in ms",
+            "beyond_a_finger",
+        )
 
 
 def _invalid(file: h5py.File, path: Path) -> Array | None:

@@ -4,7 +4,6 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from decimal import Decimal
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -39,7 +38,13 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
-from rig.compare.recordings.summary_labels import is_summary, refuse_summary_labels
+from rig.compare.recordings.summary_rows import (
+    ROUNDED,
+    decimals_of,
+    is_summary,
+    refuse_summary_labels,
+    refuse_total_rows,
+)
 from rig.compare.recordings.table_cells import SameInAllRows, file_and_sheet
 from rig.data import Run
 from rig_shared.user_files import sha256_of
@@ -212,47 +217,7 @@ def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
     repeats = [row.format.number(row.cells.get(role_name("repeat"), "")) for row, _ in rows]
     values = np.array([[row.number(name), place, repeat] for (row, place), repeat in zip(rows, repeats, strict=True)])
     columns += [] if any(map(math.isnan, repeats)) else [role_name("repeat")]
-    for beside in range(1, min(_MOST_TOTALS, len(rows) - _FEWEST_RATES) + 1):
-        for block, others in ((slice(-beside, None), slice(-beside)), (slice(beside), slice(beside, None))):
-            table = values[others, : len(columns)]
-            if np.ptp(table[:, 0]) == 0:
-                continue
-            at = block.indices(len(rows))[0]
-            tolerances = [[_half_a_digit(row, column) for column in columns] for row, _ in rows[block]]
-            tolerance = np.maximum(_ROUNDED * np.abs(table).max(axis=0), tolerances)
-            for words, of in _TOTALS.items():
-                near = (np.abs(values[block, : len(columns)] - of(table)) <= tolerance).all(axis=1)
-                if near.any():
-                    where = "above" if at else "below"
-                    raise rows[at + int(near.argmax())][0].wrong(
-                        name,
-                        "totals",
-                        f"a press, but this row has the {words} of the rows {where}; delete it, or, if it is a "
-                        "press, move it into the middle",
-                    )
-
-
-def _half_a_digit(row: Row, name: str) -> float:
-    """Return by how much a number may be rounded, in the program's unit; 0 for a whole one."""
-    decimals = _decimals(row, name)
-    return 0.51 * 10.0**-decimals * row.columns[name].factor if decimals else 0.0
-
-
-def _decimals(row: Row, name: str) -> int:
-    """Return the number of decimals of a cell's value: none of 39.0."""
-    in_file = row.number(name) / row.columns[name].factor
-    return max(0, -int(Decimal(f"{in_file:.12g}").normalize().as_tuple().exponent))
-
-
-_TOTALS: Mapping[str, Callable[[Array], Array]] = {
-    "sums": lambda table: table.sum(axis=0),
-    "means": lambda table: table.mean(axis=0),
-    "sds": lambda table: table.std(axis=0, ddof=1),
-    "sds (of n)": lambda table: table.std(axis=0),
-    "standard errors": lambda table: table.std(axis=0, ddof=1) / math.sqrt(len(table)),
-    "variances": lambda table: table.var(axis=0, ddof=1),
-}
-_MOST_TOTALS = 8  # rows that pandas' describe() gives
+    refuse_total_rows([row for row, _ in rows], columns, values[:, : len(columns)], "press")
 
 
 def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
@@ -316,7 +281,7 @@ def _has(summary: _Summary, some: _Presses, label: str, half_digits: Mapping[str
     _, mine = some[label]
     others = [value for _, value in _others(some, label)]
     half, whole = half_digits[label]
-    return abs(summary.of(others) - mine) <= max(_ROUNDED * max(others), 0.0 if summary.exact and whole else half)
+    return abs(summary.of(others) - mine) <= max(ROUNDED * max(others), 0.0 if summary.exact and whole else half)
 
 
 def _chance(summary: _Summary, positions: Sequence[_Presses], half_digits: Mapping[str, _HalfDigit]) -> float:
@@ -330,14 +295,13 @@ def _half_digits(rows: list[tuple[Row, float]], name: str) -> dict[str, _HalfDig
     digits: dict[str, int] = {}
     for row, _ in rows:
         repeat = row.cells.get(role_name("repeat"), "")
-        digits[repeat] = max(digits.get(repeat, 0), _decimals(row, name))
+        digits[repeat] = max(digits.get(repeat, 0), decimals_of(row, name))
     factor = rows[0][0].columns[name].factor if rows else 1.0
     return {repeat: _HalfDigit(0.51 * 10.0**-most * factor, most == 0) for repeat, most in digits.items()}
 
 
 _FEWEST_OTHERS, _FEWEST_TOTALS = 2, 4  # three presses of few spikes may be one another's mean by chance
 _UNLIKELY = 0.05
-_ROUNDED = 1e-3  # of a mean in a table
 _NEAR_MM = 0.01  # closer positions may be one, read from a stage
 
 
@@ -537,7 +501,7 @@ def _are_same_rates(found: Recording, other: Recording) -> bool:
         tell
         and np.array_equal(found.position_mm, other.position_mm)
         and all(len(some) == len(others) for some, others in pairs)
-        and all(np.allclose(np.sort(some), np.sort(others), rtol=_ROUNDED, atol=0.0) for some, others in pairs)
+        and all(np.allclose(np.sort(some), np.sort(others), rtol=ROUNDED, atol=0.0) for some, others in pairs)
     )
 
 

@@ -42,7 +42,7 @@ from rig.compare.recordings.spike_times import (
     union,
     without,
 )
-from rig.compare.recordings.summary_labels import refuse_summary_labels
+from rig.compare.recordings.summary_rows import refuse_summary_labels
 from rig.compare.recordings.sync_pulses import (
     ALL_UNSEEN,
     NO_GAPS,

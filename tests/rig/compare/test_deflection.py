@@ -57,6 +57,23 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
+@pytest.mark.parametrize("total", ["mean", "sum", "std"])
+def test_a_row_of_totals_in_a_table_of_deflections_is_refused(
+    read: Callable[[Path], object], total: str, tmp_path: Path
+) -> None:
+    """As `concat([df, df.agg([total])])` of pandas gives it."""
+    z_mm, down_mm = np.array([5.0, 6.0, 7.0, 8.0, 9.0]), np.array([0.1, 0.3, 0.5, 0.4, 0.15])
+    of = {"mean": np.mean, "sum": np.sum, "std": lambda values: np.std(values, ddof=1)}[total]
+    rows = [*zip(z_mm.tolist(), down_mm.tolist(), strict=True), (float(of(z_mm)), float(of(down_mm)))]
+    path = tmp_path / "mine.csv"
+    path.write_text("z_mm,deflection_mm\n" + "".join(f"{z!r},{down!r}\n" for z, down in rows), encoding="utf-8")
+    with raises(RecordingError, "totals", row=7, column="deflection_mm"):
+        read(path)
+    path.write_text(path.read_text(encoding="utf-8").rpartition("\n")[0].rpartition("\n")[0] + "\n", encoding="utf-8")
+    read(path)
+
+
+@pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
 def test_points_before_the_proximal_edge_are_refused(read: Callable[[Path], object], tmp_path: Path) -> None:
     path = tmp_path / "from_the_middle.csv"
     path.write_text("z_mm,deflection_mm\n-4,0.1\n0,0.4\n4,0.1\n", encoding="utf-8")

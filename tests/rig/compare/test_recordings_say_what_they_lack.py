@@ -345,6 +345,15 @@ UNOBSERVED = {
                      intervals__invalid_times__stop_time=amplifier([65.0])), rates=ALL, lost=1,
     ),
     **{
+        f"NWB, invalid_times in {unit}": Case(
+            "intervals that end a hundred times later than all spikes are in another unit",
+            of_amplifier(**PULSES, intervals__invalid_times__start_time=[factor * amplifier([55.0])[0]],
+                         intervals__invalid_times__stop_time=[factor * amplifier([65.0])[0]]),
+            code="beyond_a_finger", says=("invalid_times", "write them in s"),
+        )
+        for unit, factor in {"ms": 1e3, "us": 1e6, "samples": 3e4}.items()
+    },
+    **{
         f"NWB, obs_intervals of more than the pulses{what}": Case(
             "it was switched on after the press at 10 s and off before that at 80 s, whatever the file states",
             of_amplifier([t for t in UNTIL_LOST if t > BEGAN_S], **pulses_at(amplifier(RISES[1:7])),
