@@ -29,6 +29,8 @@ def age_s(then_s: float | None, now_s: float) -> float | None:
 
 GROWS_S = 5.0
 """Age of the last entry (s) up to which a journal counts as growing."""
+ORPHANED_S = 0.5
+"""Time (s) after which the lock of a run is checked whose process no longer announces it."""
 _NEWEST = 50  # Number of folders, whose names begin with the time.
 
 
@@ -97,7 +99,7 @@ class RunView(RunFollower):
         super().__init__(RunFolder(path))
         self.source = ReadingSource(path.name, COLUMNS)
         self.problem = ""
-        self.alive = False
+        self.alive = self._announced = self._orphaned = False
         self.job: Job | None = None
         self._journal = Following(self.folder)
         self._config: Config | None = None
@@ -105,9 +107,14 @@ class RunView(RunFollower):
         self._trip = ""  # its reason
         self._placed_s: float | None = None  # when the position was last recorded
 
-    def look(self, unix_s: float) -> list[Row]:
-        """Read new entries and return their readings. An unreadable journal sets `problem` and is not read again."""
+    def look(self, unix_s: float, *, announced: bool = False) -> list[Row]:
+        """Read new entries and return their readings. An unreadable journal sets `problem` and is not read again.
+
+        announced: a process announces that it owns the run; once it no longer does, a growing journal proves nothing.
+        """
         rows = [] if self.problem else self._new()
+        self._orphaned = not announced and (self._orphaned or self._announced)
+        self._announced = announced
         self.alive = not self.ended and self._is_alive(unix_s)
         return rows
 
@@ -119,10 +126,10 @@ class RunView(RunFollower):
 
     def _is_alive(self, unix_s: float) -> bool:
         """Return whether a process writes the journal; the lock of a silent journal is checked from time to time."""
-        if unix_s - written_s(self.folder.path) < GROWS_S:
+        if unix_s - written_s(self.folder.path) < GROWS_S and not self._orphaned:
             self._checked_s = unix_s
             return True
-        if self.alive and unix_s - self._checked_s >= GROWS_S:
+        if self.alive and unix_s - self._checked_s >= (ORPHANED_S if self._orphaned else GROWS_S):
             self._checked_s = unix_s
             return self.folder.busy
         return self.alive

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,14 +70,23 @@ class BenchView:
         if new is None:
             return []
         self.since = new["next"]
-        places = [new["columns"].index(name) for name in COLUMNS]
-        return [[row[place] for place in places] for row in new["rows"]]
+        rows = (dict(zip(new["columns"], row, strict=True)) for row in new["rows"])
+        return [[{**row, **self._on_the_finger(row)}[name] for name in COLUMNS] for row in rows]
+
+    def _on_the_finger(self, at: Mapping[str, Any]) -> dict[str, Any]:
+        """Return x and y from the center of the pad of a position of the machine; None without its height."""
+        if self._config is None or at.get("height_mm") is None:
+            return {"x_mm": None, "y_mm": None}
+        frame = self._config.frame
+        zeros = {"x_mm": frame.pad_centre_x_mm, "y_mm": frame.pad_y_mm}
+        return {name: round(at[name] - zero_mm, 6) for name, zero_mm in zeros.items()}
 
     def newest_state(self, unix_s: float) -> dict[str, Any]:
         """Return `newest` of the state."""
         status = self._status
         return {
-            **{name: status.get(name) for name in ("force_gwt", "x_mm", "y_mm", "height_mm")},
+            **{name: status.get(name) for name in ("force_gwt", "height_mm")},
+            **self._on_the_finger(status),
             "doi_mm": None,
             "phase": status.get("busy"),
             "t_s": status.get("read_t_s"),
@@ -163,11 +173,17 @@ class Watcher:
     def others(self) -> list[Owner]:
         """Owners of other devices, which get nothing from this panel but STOP."""
         mine = self._of_this_rig(self.owners)
-        return [one for one in self.owners if one not in mine]
+        return [one for one in self.owners if one not in mine and not one.virtual]
 
     def _of_this_rig(self, owners: Sequence[Owner]) -> list[Owner]:
         own = set(map(_device, self.bench.ports))
-        return [one for one in owners if one.virtual or not own or own & set(map(_device, one.ports))]
+        real = [one for one in owners if not one.virtual and (not own or own & set(map(_device, one.ports)))]
+        return real if self._noticed else [*real, *(one for one in owners if one.virtual)]
+
+    @property
+    def _noticed(self) -> bool:
+        """Whether the notice of a real run stands, which only this rig's next owner replaces."""
+        return self._attention is not None and self.run is not None and not self.run.virtual
 
     @property
     def job(self) -> Job | None:
@@ -214,11 +230,12 @@ class Watcher:
         if folder is None:
             if owner is not None:
                 self._follow(None)
-        elif self.run is None or self.run.folder.path != folder:
+        elif (self.run is None or self.run.folder.path != folder) and (owner is not None or not self._noticed):
             self._follow(RunView(folder))
         if (run := self.run) is None:
             return
-        rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
+        look = partial(run.look, self.clock.unix_s(), announced=owner is not None)
+        rows = await loop.run_in_executor(self._reading, look)
         if run is self.run:
             self.outlet.add(rows)
             going = not run.ended and (run.alive or owner is not None)
@@ -281,7 +298,7 @@ class Watcher:
         }
 
     def _attention_now(self, hand: Mapping[str, Any] | None) -> dict[str, Any] | None:
-        if hand is not None:
+        if hand is not None or (self.run is None and self.owner is None):
             return self.bench.attention
         before_its_run = self.run is None and self._status is not None and self._status.get("stopped")
         return stopped_now() if before_its_run else self._attention

@@ -70,9 +70,9 @@ export class Controls {
   /** What the controls do now: pairs of code and words. */
   saying(kind) {
     if (this.latest === null) return [["waiting", "no controls available yet"]];
-    const { owner, hand, configured, attention } = this.latest;
+    const { owner, hand, configured, attention, run } = this.latest;
     if (kind === "run") {
-      if (owner.reachable === false) return [["no_answer", "the process of the run does not answer"]];
+      if (owner.reachable === false && run?.state === "running") return [["no_answer", "the process of the run does not answer"]];
       if (attention) return [["ends", `the run ends (${attention.status}); its process closes the record`]];
       return [[owner.state, `the run is ${owner.state}`]];
     }
@@ -87,7 +87,7 @@ export class Controls {
       ["contact", !attention && hand.contact?.may_touch && hand.contact.where_text],
       ["next", !attention && hand.next],
       ["stopped", hand.stopped && "stopped: only Home moves"],
-      ["not_homed", !hand.homed && "not homed"],
+      ["not_homed", !hand.homed && !hand.next && "not homed"],
       ["not_zeroed", !hand.zeroed && "not zeroed"],
     ].filter(([, words]) => words);
     return parts.length ? parts : [["by_hand", "manual control"]];

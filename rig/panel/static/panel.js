@@ -6,7 +6,7 @@ import { at, hasToken, options, post, show, tab, write } from "/static/stop.js";
 
 const OLD_S = 1;
 const EVENTS = ["state", "readings", "schedule", "section"];
-const [LOOK_MS, AGAIN_MS, LOST_S, SILENT_S] = [100, 500, 5, 1.5]; // the server sends its state ten times a second
+const [LOOK_MS, AGAIN_MS, SAID_MS, LOST_S, SILENT_S] = [100, 500, 10_000, 5, 1.5]; // the server sends its state ten times a second
 
 // --- numbers in words ---
 
@@ -53,6 +53,7 @@ class Feed {
   constructor(take) {
     this.take = take;
     this.heard = null;
+    this.refused = false; // by another panel, which has another token
     this.source = null; // ends the stream
     document.addEventListener("visibilitychange", () => this.follow());
     window.addEventListener("token", () => this.follow());
@@ -84,6 +85,7 @@ class Feed {
 
   async listen(signal) {
     const response = await fetch(`/events?tab=${encodeURIComponent(tab)}`, { ...options(), signal });
+    this.refused = response.status === 403;
     if (!response.ok) return;
     const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
     for (let text = ""; ; ) {
@@ -117,6 +119,7 @@ class Numbers {
   }
 
   state({ unix_s, newest, limits, devices, owner }) {
+    this.unix_s = unix_s;
     this.limits = limits ?? {};
     this.owner = owner;
     this.newer(instant(unix_s, newest?.age_s), newest ?? {}, ["force_gwt", "doi_mm", "phase"], "read");
@@ -163,7 +166,7 @@ class Numbers {
     this.dated();
     this.device("stage", "stage_words");
     this.device("force", "sensor_words");
-    write("port_words", this.owner ? `${this.owner.ports.join(", ")}${this.owner.virtual ? " (virtual bench)" : ""}` || "–" : "free");
+    write("port_words", this.owner ? `${this.owner.ports.join(", ")}${this.owner.virtual ? " (virtual bench)" : ""}` || "–" : known(this.unix_s) ? "free" : "–");
     show("stop_button", Boolean(this.owner?.stop_button));
     write("stop_button_words", this.owner?.stop_button ?? "–");
   }
@@ -189,7 +192,7 @@ class Numbers {
     const old = Boolean(one?.seen && one.seen.age_s > OLD_S);
     mark(at(id), "warn", old);
     if (!one) return write(id, "–");
-    const homed = typeof one.homed !== "boolean" || !one.seen ? "" : one.homed ? ", homed" : ", not homed";
+    const homed = typeof one.homed !== "boolean" || !one.seen || one.word === "homed" ? "" : one.homed ? ", homed" : ", not homed";
     if (name === "force" && old && one.word === "reads") return write(id, `no reading since ${since(one.seen)}`);
     write(id, `${one.word ?? "–"}${homed}${old ? `, ${since(one.seen)}` : ""}`);
   }
@@ -342,7 +345,7 @@ class Theme {
   }
 }
 
-let [state, taking] = [null, false];
+let [state, taking, saying] = [null, false, null];
 const loaded_unix_s = Date.now() / 1000;
 const mine = () => hasToken() && state?.controls === tab;
 const traces = new Traces();
@@ -373,7 +376,8 @@ function look() {
   show("watching", hasToken() && state !== null && state.controls !== null && !mine() && !feed.silent);
   show("no_server", hasToken() && feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
   const lost = feed.heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
-  write("no_server", `${lost}; retrying. No value here is live and STOP may not work: use the emergency stop.`, feed.heard === null ? "not_answered_yet" : "lost");
+  const retrying = feed.refused ? "another panel answers: open the address that rig panel printed last" : "retrying";
+  write("no_server", `${lost}; ${retrying}. No value here is live and STOP may not work: use the emergency stop.`, feed.heard === null ? "not_answered_yet" : "lost");
   document.body.dataset.owner = state?.owner?.kind ?? (state?.run ? "ended" : "");
   what();
   attend(state?.attention ?? null);
@@ -386,8 +390,8 @@ function what() {
   const { owner, run, notice, problem, attention, others = [] } = state ?? {};
   const kind = owner?.kind === "by hand" ? "manual control" : (owner?.kind ?? "nothing is running");
   const doing = run && (owner?.kind === "run" || !owner) ? `${run.name}: ${attention?.status ?? run.state}` : kind;
-  const bench = owner && (owner.virtual ? "virtual bench" : `devices on ${owner.ports.join(", ")}`);
-  const others_in_words = others.map((one) => `process ${one.pid} has ${one.ports.join(", ")}, another rig`);
+  const bench = (owner?.virtual ?? run?.virtual) ? "virtual bench" : null;
+  const others_in_words = others.map((one) => `process ${one.pid} has ${one.ports.join(", ")}, another rig; STOP stops it, too`);
   const words = [doing, run?.subject && `subject ${run.subject}`, bench, notice, run?.deviation, run?.problem, problem, ...others_in_words];
   write("what", words.filter(Boolean).join(" · "), run ? "run" : (owner?.kind.replace(" ", "_") ?? "nothing"));
 }
@@ -396,11 +400,12 @@ const HEADINGS = { tripped: "TRIPPED", aborted: "STOPPED", limited: "REFUSED BY 
 
 /** The notice of a trip, a stop or another early end, which stays until something else begins. */
 function attend(attention) {
+  if (attention !== null && at("attention").hidden) window.scrollTo(0, 0);
   show("attention", attention !== null);
   if (attention === null) return;
   const calm = !attention.may_touch && ["aborted", "limited", "incomplete"].includes(attention.status);
   at("attention").className = calm ? "banner" : "banner bad";
-  write("attention_title", `${HEADINGS[attention.status] ?? attention.status}: ${attention.reason_text}`, attention.status);
+  write("attention_title", [HEADINGS[attention.status] ?? attention.status, attention.reason_text !== "stopped" && attention.reason_text].filter(Boolean).join(": "), attention.status);
   write("attention_where", attention.where_text ?? "–");
   write("attention_next", attention.next_text ?? "–");
   write("attention_resume", attention.resume ?? "");
@@ -411,6 +416,8 @@ function said(words, code, bad) {
   write("said", `${timeOfDay(Date.now() / 1000)} ${words}`, code);
   mark(at("said"), "bad", bad);
   show("said", true);
+  clearTimeout(saying);
+  if (!bad) saying = setTimeout(() => show("said", false), SAID_MS);
 }
 
 function view() {

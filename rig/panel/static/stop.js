@@ -108,10 +108,11 @@ function said({ of, status, ok, problem, words, at_ms }) {
     if (after_ms >= LOUD_MS) tell("bad", "not_confirmed", `${NOT_CONFIRMED}. Still trying: ${problem}.`);
     return;
   }
+  const pressed = new Date(pressed_ms).toLocaleTimeString("en-GB");
   giveUp();
   at("stop_said").dataset.after_ms = after_ms.toFixed(0);
-  if (ok) tell("good", "confirmed", `STOP confirmed after ${after_ms.toFixed(0)} ms: ${words ?? "stopped"}.`);
-  else if (status === 409) tell("good", "answered", `STOP answered: ${problem}.`);
+  if (ok) tell("good", "confirmed", `STOP at ${pressed} confirmed after ${after_ms.toFixed(0)} ms: ${(words ?? "stopped").replace(/\.$/, "")}.`);
+  else if (status === 409) tell("good", "answered", `STOP at ${pressed} answered: ${problem}.`);
   else tell("bad", "not_allowed", `${NOT_CONFIRMED}. This tab may not stop: ${problem}.`);
 }
 

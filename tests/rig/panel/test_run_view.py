@@ -189,6 +189,18 @@ def test_a_silent_run_goes_on_while_somebody_holds_it(run: Written, monkeypatch:
     assert seen.alive is False
 
 
+@pytest.mark.parametrize("held", [True, False], ids=["held", "killed"])
+def test_a_run_whose_process_has_gone_is_over_before_its_journal_is_old(
+    run: Written, monkeypatch: pytest.MonkeyPatch, held: bool
+) -> None:
+    monkeypatch.setattr(RunFolder, "busy", property(lambda folder: held))
+    os.utime(run.journal, (100.0, 100.0))
+    seen = RunView(run.path)
+    for now_s, announced, alive in ((100.1, True, True), (100.2, False, True), (100.8, False, held)):
+        seen.look(now_s, announced=announced)
+        assert seen.alive is alive
+
+
 # --- the bench ---
 
 
@@ -199,16 +211,19 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     assert bench.devices_state(9.0)["stage"] == {"word": "no data", "homed": False, "age_s": None}
     new = {"columns": ["t_s", *HAND.columns[2:], "unix_s"], "next": 12, "rows": [[3.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]}
     status = {
-        "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": 0.5, "height_mm": 3.0,
-        "read_unix_s": 100.0, "read_t_s": 3.0, "seen_unix_s": 101.0, "busy": "step", "readings": new,
+        "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": -29.5, "y_mm": -14.0,
+        "height_mm": 3.0, "read_unix_s": 100.0, "read_t_s": 3.0, "seen_unix_s": 101.0, "busy": "step",
+        "readings": new,
     }  # fmt: skip
-    assert bench.update(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
+    assert bench.update(status) == [[6.0, 3.0, 1.0, 32.0, 18.0, 4.0, 5.0]]
     assert bench.since == 12
     assert bench.newest_state(101.5) == {
-        "force_gwt": 1.5, "doi_mm": None, "x_mm": 0.5, "y_mm": None, "height_mm": 3.0, "phase": "step",
+        "force_gwt": 1.5, "doi_mm": None, "x_mm": 0.5, "y_mm": 1.0, "height_mm": 3.0, "phase": "step",
         "t_s": 3.0, "age_s": 1.5, "placed_age_s": 0.5,
     }  # fmt: skip
     assert bench.newest_state(99.0)["age_s"] == 0.0
+    bench.update({**status, "height_mm": None, "readings": None})
+    assert bench.newest_state(99.0)["x_mm"] is None, "the stage is not homed"
     told = bench.devices_state(101.5)
     assert told["stage"] == {"word": "idle", "homed": True, "age_s": 0.5}
     assert told["force"] == {"word": "reads", "age_s": 1.5}

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rig.control.client import ControlError
+from rig.manual.orders import HOME_FIRST
 from rig.panel.stream import NOTHING, PageQueue
 from rig.panel.watcher import Watcher
 from tests.rig.panel.stub_panel import StubOwner, StubPanel
@@ -190,3 +191,39 @@ def test_a_panel_shows_and_asks_only_the_rig_of_its_configuration(
 def test_a_panel_without_configuration_shows_the_newest_rig(make: Callable[..., StubPanel]) -> None:
     older, newer = StubOwner(pid=1, ports=("a",)), StubOwner(pid=2, ports=("b",), began_unix_s=9.0)
     assert make(older, newer, configured=False).watcher.owner is newer
+
+
+@pytest.mark.parametrize("announced", [True, False], ids=["announced", "found by its journal"])
+def test_a_dry_run_does_not_replace_the_notice_of_the_rig(
+    make: Callable[..., StubPanel], tmp_path: Path, announced: bool
+) -> None:
+    at = {"left": "held", "x_mm": 0.5, "height_mm": -0.1, "trusted": False, "may_touch": True, "contact": "touching"}
+    stop = {"doc": "stop", "status": "aborted", "reason": "stopped at once", "indentor": at}
+    run = journal(tmp_path / "real", {**START, "virtual": False}, sample(1.5), stop)
+    real = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running", "stopped": True}})
+    watcher = make(real).watcher
+    look(watcher)
+    notice = watcher.state(0.0)["attention"]
+    assert notice["may_touch"] is True
+    dry = journal(watcher.out / "dry", START, sample(0.5))
+    owner = StubOwner(pid=2, ports=(), virtual=True, run=str(dry), began_unix_s=9.0)
+    watcher.find = lambda: [owner] if announced else []
+    look(watcher)
+    state = watcher.state(0.0)
+    assert (state["attention"], state["run"]["name"], state["owner"], state["others"]) == (notice, "real", None, [])
+    newer = journal(tmp_path / "newer", {**START, "virtual": False})
+    watcher.find = lambda: [owner, StubOwner(pid=3, run=str(newer))]
+    look(watcher)
+    state = watcher.state(0.0)
+    assert (state["attention"], state["run"]["name"]) == (None, "newer")
+
+
+def test_the_notice_of_a_stop_under_manual_control_stays_after_its_end(make: Make) -> None:
+    status = {"ok": True, "next": HOME_FIRST, "stopped": True, "contact": {"may_touch": True}}
+    watcher = make(StubOwner(kind="by hand", answers={"status": status})).watcher
+    look(watcher)
+    notice = watcher.state(0.0)["attention"]
+    assert notice["status"] == "aborted"
+    watcher.find = list
+    look(watcher)
+    assert watcher.state(0.0)["attention"] == notice
