@@ -1,9 +1,6 @@
 """Every registered stage keeps the contract, and has said all that it asks of its controller."""
 
-import importlib
 import pickle
-import pkgutil
-from pathlib import Path
 
 import pytest
 
@@ -23,17 +20,12 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from tests.contracts.stage import StageBytes, StageContract, StageEnd
+from tests.contracts.tables import tables
 from tests.error_codes import has_code, raises
 from tests.parts.hobby_driver import HobbyStage
 from tests.stub_bench import StubStage, raising
 
-TABLES = Path(__file__).parent / "bytes"
-DEVICES: list[StageBytes] = [
-    found
-    for info in pkgutil.iter_modules([str(TABLES)])
-    for found in vars(importlib.import_module(f"tests.contracts.bytes.{info.name}")).values()
-    if isinstance(found, StageBytes)
-]
+DEVICES = tables(StageBytes)
 TO_BE_SAID = {"new", "home", "moving", "arrived", "elsewhere", "held", "alarm", "rested"}
 
 

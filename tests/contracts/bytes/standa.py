@@ -142,8 +142,8 @@ DEVICE = StageBytes(
         b"z smov 50 0 6000 6000 0 0 0": b"smov",
         b"z move 250 0": (b"move", "moving"),
         b"z smov 100 0 6000 6000 0 0 0": b"smov",
-        b"z move 10 0": b"move",  # a jog, 0.1 mm at 1 mm/s
-        b"z movr 10 0": b"movr",  # the same, not homed
+        b"z move 10 0": (b"move", "moving"),  # a jog, 0.1 mm at 1 mm/s
+        b"z movr 10 0": (b"movr", "moving"),  # the same, not homed
         b"z stop": (b"stop", "rested"),
     },
     states={

@@ -84,8 +84,8 @@ DEVICE = StageBytes(
         b"2 1 home": (b"@02 1 OK BUSY WR 0", "z homes"),
         b"1 1 home": (b"@01 1 OK BUSY WR 0", "x homes"),
         b"2 1 move abs 1000 327": (BUSY, "moving"),
-        b"2 1 move abs 40 655": BUSY,  # a jog, 0.1 mm at 1 mm/s
-        b"2 1 move rel 40 655": BUSY,  # the same, not homed
+        b"2 1 move abs 40 655": (BUSY, "moving"),  # a jog, 0.1 mm at 1 mm/s
+        b"2 1 move rel 40 655": (BUSY, "moving"),  # the same, not homed
         b"0 0 stop": (SILENCE, "rested"),
         b"0 0 estop": (SILENCE, "rested"),
     },
