@@ -45,7 +45,10 @@ def test_a_table_leaves_nothing_open(device: StageBytes) -> None:
     """What a controller cannot do is said, too, and why."""
     assert device.source
     assert set(device.states) >= TO_BE_SAID
-    assert (device.limit is None) == ("limit" in device.lacks)
+    for rows in ("settings", "shows", "ends", "refusals", "limit"):
+        assert bool(getattr(device, rows)) is (rows not in device.lacks), (
+            f"tests/contracts/bytes: {device.name}: give rows of {rows}, or say in lacks why there are none"
+        )
     assert len(device.garbled) >= 5
 
 

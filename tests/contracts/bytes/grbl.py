@@ -103,5 +103,6 @@ DEVICE = StageBytes(
     lacks={
         "limit": "soft limits are stored in a memory that wears out: they are written once, by connect()",
         "checksum": "lines of GRBL have none",
+        "ends": "the board reports a homing that fails as an alarm",
     },
 )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rig.devices.base import StageError, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, Shown, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, HomingEnd, Limit, Replies, Shown, StageBytes
 
 X, Z = 1, 2
 Y_MM = -15.0  # set by hand, as the configuration says by default
@@ -83,6 +83,7 @@ def usual(device: int, lowest: str, homing: str) -> Replies:
 
 UNHOMED_X = status(X, READY)
 GOING = {**status(Z, RUNNING), **stands(Z, HALF, HALF), **one("02 06 60 02 00 40", "slowing")}
+HOMED_REPLY = said(f"02 03 02 {HOMED}")
 FLOOR = "FF FF D6 98"  # −26.5 mm, −10600 pulses
 
 
@@ -153,6 +154,13 @@ RTU = StageBytes(
         **{f"alarm {code:X}": fault(FAULT, "alarm", code) for code in (0xE0, 0xC0, 0xA1, 0x152, 0x240, 0x123)},
         "disabled": fault(DISABLED, "not_enabled"),
         "no longer homed": fault(READY, "was_reset"),
+    },
+    ends={
+        "homed": HomingEnd("z is home", status(Z, HOMED), True),
+        **{
+            name: HomingEnd("z is home", {said("02 03 10 03 00 01"): (HOMED_REPLY, "then")}, then=status(Z, word))
+            for name, word in (("no longer homed", READY), ("moving again", RUNNING))
+        },
     },
     limit=Limit(
         -26.5,
