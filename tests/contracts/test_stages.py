@@ -50,6 +50,12 @@ def test_a_table_leaves_nothing_open(device: StageBytes) -> None:
             f"tests/contracts/bytes: {device.name}: give rows of {rows}, or say in lacks why there are none"
         )
     assert len(device.garbled) >= 5
+    faults = {shown.number for shown in device.shows.values() if "alarm" in shown.codes} | {device.alarm}
+    for name, words, numbers in (
+        ("fault_words", device.fault_words, faults),
+        ("refusal_words", device.refusal_words, {device.unlock[-1], *device.refusals}),
+    ):
+        assert {*words} == numbers, f"tests/contracts/bytes: {device.name}: give {name} of {numbers ^ {*words}}"
 
 
 # --- on its virtual twin ---

@@ -137,6 +137,15 @@ RTU = StageBytes(
     unlock=(said("02 06 18 01 11 11"), said("02 86 04"), "refused", 4),
     refusals={n: said(f"02 86 {n:02X}") for n in (1, 2, 3, 8)},
     alarm=0xE0,
+    fault_words={
+        0xE0: "over-current",
+        0xC0: "over-voltage",
+        0xA1: "current sensing",
+        0x152: "motor phase",
+        0x240: "EEPROM",
+        0x123: "see its manual",
+    },
+    refusal_words={1: "illegal function", 2: "address", 3: "data value", 4: "failure", 8: "parity"},
     held=(StageError, "not_enabled"),
     garbled={
         "a wrong bit": Garbled(said("02 03 02 00 72"), StageError, "bad_crc", lambda f: f[:4] + b"\x62" + f[5:]),

@@ -172,6 +172,10 @@ DEVICE = StageBytes(
     halt=b"z sstp",
     unlock=(b"z stop", b"errc", "line_refused", "errc"),
     refusals={"errd": b"errd", "errv": b"errv"},
+    fault_words=dict.fromkeys(
+        (*ALARMS.values(), "ALARM CTP_ERROR", "ALARM OVERLOAD_POWER_CURRENT", "RIGHT_EDGE"), ""
+    ),
+    refusal_words={"errc": "unknown command", "errd": "checksum", "errv": "value"},
     alarm="ALARM OVERLOAD_POWER_CURRENT",
     held=(StageHeld, "held"),
     garbled={

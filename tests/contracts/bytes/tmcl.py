@@ -143,6 +143,15 @@ DEVICE = StageBytes(
     unlock=(b"z GAP 207", b"6 0", "line_refused", 6),
     refusals={n: b"%d 0" % n for n in range(1, 6)},
     alarm=10,
+    fault_words={207: "steps lost", 208: "motor driver", 10: "right limit", 11: "left limit"},
+    refusal_words={
+        1: "checksum",
+        2: "unknown command",
+        3: "type",
+        4: "out of range",
+        5: "EEPROM",
+        6: "not available",
+    },
     held=(StageOverridden, "overridden"),
     garbled={
         "a wrong bit": Garbled(b"100 0", StageError, "garbled", lambda f: f[:5] + b"\x01" + f[6:]),
