@@ -106,7 +106,8 @@ class StageBytes:
     stands before the frames on each. settings: questions for a setting that must be as configured, with other replies
     and the word that the error has for it. fault_words, refusal_words: by number, a word of the manual that the error
     has, too; "" where the manual has none, or the number is one. shows: what is noticed, and what is not. ends: of
-    homing.
+    homing. search: what z shows while it searches home at a height (mm) and a speed (mm/s), with the home or the far
+    switch active.
     """
 
     name: str
@@ -135,6 +136,7 @@ class StageBytes:
     settings: Sequence[tuple[bytes, bytes, str]] = ()
     shows: Mapping[str, Shown] = field(default_factory=dict)
     ends: Mapping[str, HomingEnd] = field(default_factory=dict)
+    search: Callable[[float, float, str], Replies] | None = None
     limit: Limit | None = None
     lacks: Mapping[str, str] = field(default_factory=dict)
     frames: Callable[[bytes], Sequence[bytes]] = lambda data: [data]

@@ -45,7 +45,7 @@ def test_a_table_leaves_nothing_open(device: StageBytes) -> None:
     """What a controller cannot do is said, too, and why."""
     assert device.source
     assert set(device.states) >= TO_BE_SAID
-    for rows in ("settings", "shows", "ends", "refusals", "limit"):
+    for rows in ("settings", "shows", "ends", "refusals", "search", "limit"):
         assert bool(getattr(device, rows)) is (rows not in device.lacks), (
             f"tests/contracts/bytes: {device.name}: give rows of {rows}, or say in lacks why there are none"
         )

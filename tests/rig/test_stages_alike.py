@@ -30,7 +30,7 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
-from tests.contracts.bytes import leadshine, standa, tmcl
+from tests.contracts.bytes import leadshine, tmcl
 from tests.contracts.counted import Bench, bench_of
 from tests.contracts.stage import Replies, StageBench
 from tests.contracts.tables import counted_stages, stage_table
@@ -324,23 +324,7 @@ def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False)
     return bench
 
 
-def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:
-    """How z shows that it searches home; switch: that is active, of home or the other one."""
-    found: Replies
-    if kind == "standa":
-        steps = round(-100 * z_mm)
-        said = bytearray(standa.status(standa.RUNS | standa.HOME, steps, 0))
-        said[4 + 39] = {"home": 2, "far": 1, "button": 4}.get(switch, 0)
-        return {b"z gets": bytes(said)}
-    found = tmcl.axis("z", at=round(-400 * z_mm), speed=round(-400 * v_mm_s), most=2000, search=1)
-    return {
-        **found,
-        b"z GAP 11": b"100 1" if switch == "home" else b"100 0",
-        b"z GAP 10": b"100 1" if switch == "far" else b"100 0",
-    }
-
-
-@pytest.mark.parametrize("kind", ["standa", "tmcl"])
+@pytest.mark.parametrize("kind", [kind for kind, device in BYTES.items() if device.search])
 @pytest.mark.parametrize(
     ("up_mm", "switch", "most_mm", "v_mm_s"),
     [
@@ -354,7 +338,8 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     kind: str, up_mm: float, switch: str, most_mm: float, v_mm_s: float
 ) -> None:
     """First upwards and then downwards: by 0.1 mm upwards, or by the switch, it has begun."""
-    bench = _staying(kind, "z homes")
+    bench, search = _staying(kind, "z homes"), BYTES[kind].search
+    assert search is not None
     write, clock = bench.wire.write, bench.clock
     begun_s, turns_s = clock.monotonic_s(), up_mm / v_mm_s + 1e-6
 
@@ -363,14 +348,14 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
         up = t_s <= turns_s
         z_mm = -0.4 + v_mm_s * (t_s if up else 2 * turns_s - t_s)
         if bench.wire.state == "z homes":
-            bench.wire.instead.update(_homes(kind, z_mm, v_mm_s if up else -v_mm_s, switch))
+            bench.wire.instead.update(search(z_mm, v_mm_s if up else -v_mm_s, switch))
         write(data, port)
 
     bench.wire.write = writing  # type: ignore[method-assign]
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
     assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / v_mm_s + 0.015, abs=0.02)
-    assert bench.wire.asked[-1] in (b"x stop", b"x MST 0")
+    assert bench.wire.asked[-1] == OWN_STOPS.get(kind, BYTES[kind].stop)[-1]
     assert not bench.stage.homed
 
 

@@ -115,6 +115,7 @@ DEVICE = StageBytes(
     lacks={
         "limit": "soft limits are stored in a memory that wears out: they are written once, by connect()",
         "checksum": "lines of GRBL have none",
+        "search": "the board itself ends a search that finds no switch",
         "ends": "the board reports a homing that fails as an alarm",
     },
 )

@@ -171,6 +171,7 @@ RTU = StageBytes(
             for name, word in (("no longer homed", READY), ("moving again", RUNNING))
         },
     },
+    lacks={"search": "the status word does not show the home switch"},
     limit=Limit(
         -26.5,
         [said(f"02 10 60 08 00 02 04 {FLOOR}"), said("02 03 60 08 00 02"), said("02 03 60 00 00 01")],
@@ -215,7 +216,7 @@ TCP = replace(
     RTU,
     name="leadshine_tcp",
     table={"framing": "tcp"},
-    lacks={"checksum": "frames of Modbus TCP have none"},
+    lacks={**RTU.lacks, "checksum": "frames of Modbus TCP have none"},
     stop=[said("02 06 60 02 00 40"), said("01 06 60 02 00 40")],
     garbled={name: one for name, one in RTU.garbled.items() if name != "a wrong bit"},  # nothing shows it
     frames=frames_of_tcp,

@@ -115,6 +115,12 @@ def ends(state: str, said: bytes) -> HomingEnd:
     return HomingEnd(state, {b"z gets": said})
 
 
+def search(z_mm: float, v_mm_s: float, switch: str) -> Replies:
+    """What `gets` shows of a search for home."""
+    found = status(RUNS | HOME, round(-100 * z_mm), 0)
+    return {b"z gets": changed(found, inputs={"home": 2, "far": 1}.get(switch, 0))}
+
+
 def engine(flags: int, mode: int) -> bytes:
     """Reply to `geng`."""
     return b"geng" + struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, flags, 0, mode, 200)
@@ -244,6 +250,7 @@ DEVICE = StageBytes(
         "a microstep from the zero": ends("z is zero", status(HOME, 0, HOMED, 1)),
         "without its flag after the zero": ends("z is zero", status(HOME, 0, 0x17)),
     },
+    search=search,
     lacks={"limit": "borders at positions would replace the limit switches"},
     heard=content,
     said=sealed,

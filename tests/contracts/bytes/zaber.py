@@ -192,7 +192,10 @@ DEVICE = StageBytes(
         **{f"at {at}": HomingEnd("z is home", axis(2, "IDLE --", at), abs(at) < 2) for at in (-2, -1, 1, 2)},
         **{flag: HomingEnd("z is home", axis(2, f"IDLE {flag}", 0), True) for flag in ("WV", "NC")},
     },
-    lacks={"limit": "limits are stored permanently: they are written once, at homing, if they differ"},
+    lacks={
+        "limit": "limits are stored permanently: they are written once, at homing, if they differ",
+        "search": "a reply does not show the home sensor",
+    },
     frames=lambda data: data.splitlines(keepends=True),
     heard=content,
     said=sealed,
