@@ -46,9 +46,8 @@ def _z(bench: StageBench) -> Any:
 
 
 every_kind = pytest.mark.parametrize("kind", BYTES)
-own_link = pytest.mark.parametrize(
-    "kind", [kind for kind, device in BYTES.items() if isinstance(_z(StageBench(device)).link, drive_link.DriveLink)]
-)
+OWN_LINK = [kind for kind, device in BYTES.items() if isinstance(_z(StageBench(device)).link, drive_link.DriveLink)]
+own_link = pytest.mark.parametrize("kind", OWN_LINK)
 
 
 def _bench(kind: str, **tables: Any) -> tuple[Bench, Any]:
@@ -341,12 +340,13 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     bench, search = _staying(kind, "z homes"), BYTES[kind].search
     assert search is not None
     write, clock = bench.wire.write, bench.clock
+    start_mm = bench.stage.status().z_mm
     begun_s, turns_s = clock.monotonic_s(), up_mm / v_mm_s + 1e-6
 
     def writing(data: bytes, port: bytes = b"") -> None:
         t_s = clock.monotonic_s() - begun_s
         up = t_s <= turns_s
-        z_mm = -0.4 + v_mm_s * (t_s if up else 2 * turns_s - t_s)
+        z_mm = start_mm + v_mm_s * (t_s if up else 2 * turns_s - t_s)
         if bench.wire.state == "z homes":
             bench.wire.instead.update(search(z_mm, v_mm_s if up else -v_mm_s, switch))
         write(data, port)
@@ -694,7 +694,7 @@ def test_a_fault_ends_homing(kind: str, name: str) -> None:
     assert not bench.stage.homed
 
 
-@own_link
+@pytest.mark.parametrize("kind", [kind for kind in OWN_LINK if kind in FAULTS])
 def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
     bench, devices = _bench(kind)
     _fails(kind, devices.z)
