@@ -29,6 +29,7 @@ from rig.devices.base import (
     StageStatus,
     StageTimeout,
 )
+from rig.devices.registry import BUILT_IN
 from rig.engine import Engine, Pause, verbs
 from rig.engine.bench import Meanwhile
 from rig.engine.bench_memory import BenchMemory, state_folder
@@ -55,7 +56,7 @@ OVERSHOOT_GWT = 1.5
 """By how much the program itself may pass the trip after a reading above it (gwt)."""
 FACT_S = 1.0
 """How long a measurement at rest is a fact (s)."""
-STAGES = ("grbl", "leadshine", "zaber", "standa", "tmcl")
+STAGES = BUILT_IN["stage"]
 _TRUTH_S, _FREE_S, _STILL_S = 0.004, 0.05, 0.02
 """Time between two samples of the truth (s): in contact; at most, far above; in contact while nothing moves."""
 _FASTEST_MM_S = 60.0  # of finger and stage towards each other

@@ -21,7 +21,7 @@ from tests.program import EMPTY_FIGURES, INIT_ANSWERS
 
 ROOT = Path(__file__).parents[1]
 KINDS = [f"rig.devices.{name}" for names in BUILT_IN.values() for name in names]
-OFFERED = "mtsics, laumas, text_cell, net_ft or line_scale"
+OFFERED = f"{', '.join(BUILT_IN['force'])} or line_scale"
 SEVERAL = """\
 import contextlib, io, json, sys
 from rig.cli import main

@@ -11,7 +11,7 @@ from rig.devices.make_drivers import stage_driver
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
-from sim.devices.counted_motor import DriveAxis
+from sim.devices.counted_motor import DriveAxis, MotorPair
 from sim.devices.line import SerialLine
 from tests.timed_wire import TimedWire
 
@@ -62,39 +62,28 @@ def bench_of(kind: str, *, homed: bool = True, connected: bool = True, **tables:
     stage: Stage = stage_driver(stage_opener(config, line, noted), clock, config)
     if connected:
         stage.connect()
-    if homed and kind in PER_MM:
-        _home_from_near(kind, stage, devices)
+    if homed and isinstance(devices, MotorPair):
+        _home_from_near(stage, devices)
     elif homed:
         stage.home()
     sent.clear()
     return Bench(clock, devices, stage, (line, *line.further), sent)
 
 
-def _home_from_near(kind: str, stage: Stage, devices: Any) -> None:
-    act = "search" if kind == "tmcl" else "_home"
-    for axis in (devices.x, devices.z):
-        per_mm = PER_MM[kind](axis)
+def _home_from_near(stage: Stage, devices: MotorPair) -> None:
+    """Home from near, at 1 mm/s and without backing off."""
+    for name in ("x", "z"):
+        axis, per_mm = getattr(devices, name), abs(stage.steps_per_mm(name))
         start = -round(NEAR_MM * per_mm)
         axis._axis, axis._zero = DriveAxis(start), start
-        setattr(axis, act, partial(_search, axis, per_mm))
+        axis._axis.go = partial(_straight, axis._axis, per_mm)
     stage.home()
-    for axis in (devices.x, devices.z):
-        delattr(axis, act)
+    for motor in (devices.x, devices.z):
+        del motor._axis.go
 
 
-PER_MM: dict[str, Callable[[Any], float]] = {
-    "zaber": lambda axis: axis._counts_per_mm,
-    "standa": lambda axis: 2 * axis._highest,  # half a millimeter beyond home
-    "tmcl": lambda axis: axis._counts_per_mm,
-    "leadshine": lambda axis: 400.0,
-}
-
-
-def _search(axis: Any, per_mm: float) -> None:
-    """Home at once from near."""
-    if hasattr(axis, "flags"):
-        axis.flags &= ~0x20
-    axis._search([(0.0, per_mm)], 1e6, 1e6)
+def _straight(axis: DriveAxis, speed: float, legs: list[tuple[float, float]], *ramps_and_time: float) -> None:
+    DriveAxis.go(axis, [(legs[-1][0], speed)], 1e6, 1e6, ramps_and_time[-1])
 
 
 class ScriptedWire(TimedWire):

@@ -104,7 +104,10 @@ class StageBytes:
     maker's number; refusals: replies with other numbers, by number; the code is the same. held: the error where
     somebody stops it at the controller. lacks: what it cannot do, and why. ports: of a controller with several, what
     stands before the frames on each. settings: questions for a setting that must be as configured, with other replies
-    and the word that the error has for it. shows: what is noticed, and what is not. ends: of homing.
+    and the word that the error has for it. fault_words, refusal_words: by number, a word of the manual that the error
+    has, too; "" where the manual has none, or the number is one. shows: what is noticed, and what is not. ends: of
+    homing. search: what z shows while it searches home at a height (mm) and a speed (mm/s), with the home or the far
+    switch active.
     """
 
     name: str
@@ -128,9 +131,12 @@ class StageBytes:
     alarm: int | str
     held: tuple[type[StageError], str]
     garbled: Mapping[str, Garbled]
+    fault_words: Mapping[int | str, str] = field(default_factory=dict)
+    refusal_words: Mapping[int | str, str] = field(default_factory=dict)
     settings: Sequence[tuple[bytes, bytes, str]] = ()
     shows: Mapping[str, Shown] = field(default_factory=dict)
     ends: Mapping[str, HomingEnd] = field(default_factory=dict)
+    search: Callable[[float, float, str], Replies] | None = None
     limit: Limit | None = None
     lacks: Mapping[str, str] = field(default_factory=dict)
     frames: Callable[[bytes], Sequence[bytes]] = lambda data: [data]
@@ -419,7 +425,7 @@ class StageContract:
         looks = bench.under_way()
         bench.wire.state = "alarm"
         begun_s = bench.clock.monotonic_s()
-        with bench.fails(StageAlarm, "alarm", number=device.alarm):
+        with bench.fails(StageAlarm, "alarm", number=device.alarm, words=device.fault_words[device.alarm]):
             list(looks)
         assert bench.clock.monotonic_s() - begun_s <= 0.3
         bench.refuses_to_move()
@@ -451,7 +457,7 @@ class StageContract:
     def test_what_a_controller_shows_is_noticed_at_the_next_look_and_before_a_motion(
         self, device: StageBytes, shows: Shown
     ) -> None:
-        number = {} if shows.number is None else {"number": shows.number}
+        number: dict[str, Any] = {} if shows.number is None else {"number": shows.number}
         at_look, at_rest, before = shows.codes
         for code, replies, begins in (
             (at_look, shows.moving, False),
@@ -463,6 +469,8 @@ class StageContract:
             if begins is False:
                 next(looks)
             bench.wire.instead.update(replies)
+            if code == "alarm" and shows.number is not None:
+                number["words"] = device.fault_words[shows.number]
             with raises(StageError, code, **number) if code else suppress(StageError) if begins else nullcontext():
                 bench.stage.status() if begins is None else next(looks)
             assert not code or bench.stage.homed is (code in ("held", "overridden"))
@@ -611,7 +619,7 @@ class StageContract:
         asked, said, code, own = device.unlock
         for number, reply in {own: said, **device.refusals}.items():
             bench = StageBench(device)
-            with bench.fails(StageError, code, number=number):
+            with bench.fails(StageError, code, number=number, words=device.refusal_words[number]):
                 _refused(bench, asked, reply)
 
     def test_an_unlocked_stage_has_to_be_homed(self, device: StageBytes) -> None:

@@ -1,25 +1,16 @@
 """Every registered force sensor keeps the contract, and has said everything that it asks of its device."""
 
-import importlib
-import pkgutil
-from pathlib import Path
-
 import pytest
 
 from rig.devices.base import ForceError, ForceTimeout, ZeroedByDriver
 from rig.devices.registry import BUILT_IN
 from sim.devices.clock import VirtualClock
 from tests.contracts.force import Connected, ForceBytes, ForceContract
+from tests.contracts.tables import tables
 from tests.error_codes import raises
 from tests.parts.plain_driver import PlainForce
 
-TABLES = Path(__file__).parent / "bytes"
-DEVICES: list[ForceBytes] = [
-    found
-    for info in pkgutil.iter_modules([str(TABLES)])
-    for found in vars(importlib.import_module(f"tests.contracts.bytes.{info.name}")).values()
-    if isinstance(found, ForceBytes)
-]
+DEVICES = tables(ForceBytes)
 TO_BE_SAID = {"overload", "underload", "busy", "cell error", "nan"}
 
 

@@ -1,9 +1,6 @@
 """Every registered stage keeps the contract, and has said all that it asks of its controller."""
 
-import importlib
 import pickle
-import pkgutil
-from pathlib import Path
 
 import pytest
 
@@ -23,17 +20,12 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from tests.contracts.stage import StageBytes, StageContract, StageEnd
+from tests.contracts.tables import tables
 from tests.error_codes import has_code, raises
 from tests.parts.hobby_driver import HobbyStage
 from tests.stub_bench import StubStage, raising
 
-TABLES = Path(__file__).parent / "bytes"
-DEVICES: list[StageBytes] = [
-    found
-    for info in pkgutil.iter_modules([str(TABLES)])
-    for found in vars(importlib.import_module(f"tests.contracts.bytes.{info.name}")).values()
-    if isinstance(found, StageBytes)
-]
+DEVICES = tables(StageBytes)
 TO_BE_SAID = {"new", "home", "moving", "arrived", "elsewhere", "held", "alarm", "rested"}
 
 
@@ -53,8 +45,17 @@ def test_a_table_leaves_nothing_open(device: StageBytes) -> None:
     """What a controller cannot do is said, too, and why."""
     assert device.source
     assert set(device.states) >= TO_BE_SAID
-    assert (device.limit is None) == ("limit" in device.lacks)
+    for rows in ("settings", "shows", "ends", "refusals", "search", "limit"):
+        assert bool(getattr(device, rows)) is (rows not in device.lacks), (
+            f"tests/contracts/bytes: {device.name}: give rows of {rows}, or say in lacks why there are none"
+        )
     assert len(device.garbled) >= 5
+    faults = {shown.number for shown in device.shows.values() if "alarm" in shown.codes} | {device.alarm}
+    for name, words, numbers in (
+        ("fault_words", device.fault_words, faults),
+        ("refusal_words", device.refusal_words, {device.unlock[-1], *device.refusals}),
+    ):
+        assert {*words} == numbers, f"tests/contracts/bytes: {device.name}: give {name} of {numbers ^ {*words}}"
 
 
 # --- on its virtual twin ---

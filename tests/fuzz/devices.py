@@ -3,14 +3,11 @@
 A kind of device is included by its table, which the contract asks of every entry in the registry.
 """
 
-import importlib
 import math
-import pkgutil
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
@@ -21,6 +18,7 @@ from rig.transport import TransportError
 from tests.contracts import force, stage
 from tests.contracts.force import Connected, ForceBytes
 from tests.contracts.stage import StageBench, StageBytes
+from tests.contracts.tables import tables
 from tests.fuzz.hostile import hostile
 
 SEALED, PATCHED, RAW = range(3)
@@ -43,15 +41,6 @@ STOPPED = ("new", "rested", "slowing", "held")
 
 class HangError(BaseException):
     """A driver that reads for ever, whatever the clock says."""
-
-
-def tables() -> Iterator[ForceBytes | StageBytes]:
-    """Yield the table of every device."""
-    folder = Path(__file__).parents[1] / "contracts" / "bytes"
-    for info in pkgutil.iter_modules([str(folder)]):
-        for found in vars(importlib.import_module(f"tests.contracts.bytes.{info.name}")).values():
-            if isinstance(found, ForceBytes | StageBytes):
-                yield found
 
 
 @dataclass
@@ -249,5 +238,5 @@ def parser_of(table: ForceBytes | StageBytes) -> Parser:
     return StageParser(table) if isinstance(table, StageBytes) else ForceParser(table)
 
 
-TABLES = {table.name: table for table in tables()}
+TABLES = {table.name: table for table in tables(ForceBytes) + tables(StageBytes)}
 KINDS = {table.kind for table in TABLES.values()}

@@ -11,6 +11,7 @@ from typing import Any
 
 from rig.bench.virtual import bench_around
 from rig.devices.base import ForceReading, StageStatus
+from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
 from rig.engine.motion import Direction, slices
@@ -24,26 +25,15 @@ from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N
 from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
+from tests.contracts.tables import stage_table
 
 KINDS: dict[str, dict[str, Any]] = {
     "grbl": {"force": {"baud": 115200}},
     "leadshine": {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}},
 }
-STAGES: dict[str, dict[str, Any]] = {
-    **KINDS,
-    **{kind: {"stage": {"kind": kind}} for kind in ("zaber", "standa", "tmcl")},
-}
+STAGES = {kind: KINDS.get(kind, {"stage": {"kind": kind}}) for kind in BUILT_IN["stage"]}
 """Every stage, where a table has a row for each; most tests are made on the two of KINDS."""
 APEX_MM = Config().frame.apex_z_mm
-STOPS = {
-    "grbl": b"!\x18",
-    "leadshine": bytes.fromhex("00 06 60 02 00 40"),
-    "zaber": b"/0 0 ",
-    "standa": b"stop",
-    "tmcl": b"\1\3\0\1",
-}
-"""A feed hold and a reset; to all drives: the control word, quick stop; to the whole chain, by an id: stop; stop; to
-the motor of z: stop."""
 Person = Iterator[float]
 
 
@@ -248,6 +238,13 @@ class HandBench(BenchOverSpring):
         yield 0.02
         while self("status")["busy"] is not None:
             yield 0.02
+
+
+def is_stop(kind: str, data: bytes) -> bool:
+    """Whether the first frame that was written is the first one of a stop."""
+    device = stage_table(kind)
+    port = next(iter(device.ports.values()), b"")
+    return port + device.heard(device.frames(data)[0]) == device.stop[0]
 
 
 def is_move(kind: str, data: bytes) -> bool:

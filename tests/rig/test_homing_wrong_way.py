@@ -2,11 +2,12 @@
 
 import pytest
 
+from rig.devices.registry import BUILT_IN
 from rig.engine.engine import State
 from rig.engine.homing import STEP_MM
 from tests.rig.motor_plug import K_GWT, TRIP_GWT, PluggedBench, height_mm
 
-STAGES = ("grbl", "leadshine", "zaber", "standa", "tmcl")
+STAGES = BUILT_IN["stage"]
 OVERSHOOT_GWT = 0.89
 """What docs/safety_design.md allows beyond a trip."""
 TOUCH_GWT = 0.05

@@ -21,7 +21,7 @@ from rig.transport import LoopbackTransport, NotOwnedError, PortOwner, Transport
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-from tests.rig.hand_bench import STOPS
+from tests.rig.hand_bench import is_stop
 from tests.waiting import DEADLINE_S, until
 
 KINDS = BUILT_IN["stage"]
@@ -135,7 +135,7 @@ def test_a_stop_in_every_phase_of_a_run_is_the_next_byte_on_the_wire(
     if hand is None:
         assert ports.done == []
         return
-    assert ports.done[len(before)].startswith(STOPS[kind].hex())
+    assert is_stop(kind, bytes.fromhex(ports.done[len(before)]))
     assert ports.done.count("opened") == len(ports.lines), "before anybody could ask, and never again"
     recorded, elsewhere = log.getvalue()[said:], owner.switch.kept
     if phase != "running":

@@ -23,30 +23,31 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.leadshine_drive import FEEDBACK, LeadshineDrive, words
+from rig.devices.leadshine_drive import FEEDBACK, words
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import BUILT_IN, StageKind, find, own_port
-from rig.devices.standa import StandaAxis
-from rig.devices.tmcl import TmclAxis
-from rig.devices.zaber import ZaberAxis
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
-from tests.contracts.bytes import leadshine, standa, tmcl, zaber
+from tests.contracts.bytes import leadshine, tmcl
 from tests.contracts.counted import Bench, bench_of
-from tests.contracts.stage import Replies, StageBench, StageBytes
+from tests.contracts.stage import Replies, StageBench
+from tests.contracts.tables import counted_stages, stage_table
 from tests.error_codes import raises
 from tests.stub_bench import raising
 
-BYTES: dict[str, StageBytes] = {
-    "zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE, "leadshine": leadshine.RTU,
-}  # fmt: skip
-AXES: dict[str, type[Any]] = {
-    "zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis, "leadshine": LeadshineDrive,
-}  # fmt: skip
-every_kind = pytest.mark.parametrize("kind", AXES)
-own_link = pytest.mark.parametrize("kind", ["zaber", "standa", "tmcl"])
+BYTES = {kind: stage_table(kind) for kind in counted_stages()}
+
+
+def _z(bench: StageBench) -> Any:
+    """The axis z of a stage."""
+    return bench.stage._axes["z"]  # type: ignore[attr-defined]
+
+
+every_kind = pytest.mark.parametrize("kind", BYTES)
+OWN_LINK = [kind for kind, device in BYTES.items() if isinstance(_z(StageBench(device)).link, drive_link.DriveLink)]
+own_link = pytest.mark.parametrize("kind", OWN_LINK)
 
 
 def _bench(kind: str, **tables: Any) -> tuple[Bench, Any]:
@@ -322,23 +323,7 @@ def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False)
     return bench
 
 
-def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:
-    """How z shows that it searches home; switch: that is active, of home or the other one."""
-    found: Replies
-    if kind == "standa":
-        steps = round(-100 * z_mm)
-        said = bytearray(standa.status(standa.RUNS | standa.HOME, steps, 0))
-        said[4 + 39] = {"home": 2, "far": 1, "button": 4}.get(switch, 0)
-        return {b"z gets": bytes(said)}
-    found = tmcl.axis("z", at=round(-400 * z_mm), speed=round(-400 * v_mm_s), most=2000, search=1)
-    return {
-        **found,
-        b"z GAP 11": b"100 1" if switch == "home" else b"100 0",
-        b"z GAP 10": b"100 1" if switch == "far" else b"100 0",
-    }
-
-
-@pytest.mark.parametrize("kind", ["standa", "tmcl"])
+@pytest.mark.parametrize("kind", [kind for kind, device in BYTES.items() if device.search])
 @pytest.mark.parametrize(
     ("up_mm", "switch", "most_mm", "v_mm_s"),
     [
@@ -352,23 +337,25 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     kind: str, up_mm: float, switch: str, most_mm: float, v_mm_s: float
 ) -> None:
     """First upwards and then downwards: by 0.1 mm upwards, or by the switch, it has begun."""
-    bench = _staying(kind, "z homes")
+    bench, search = _staying(kind, "z homes"), BYTES[kind].search
+    assert search is not None
     write, clock = bench.wire.write, bench.clock
+    start_mm = bench.stage.status().z_mm
     begun_s, turns_s = clock.monotonic_s(), up_mm / v_mm_s + 1e-6
 
     def writing(data: bytes, port: bytes = b"") -> None:
         t_s = clock.monotonic_s() - begun_s
         up = t_s <= turns_s
-        z_mm = -0.4 + v_mm_s * (t_s if up else 2 * turns_s - t_s)
+        z_mm = start_mm + v_mm_s * (t_s if up else 2 * turns_s - t_s)
         if bench.wire.state == "z homes":
-            bench.wire.instead.update(_homes(kind, z_mm, v_mm_s if up else -v_mm_s, switch))
+            bench.wire.instead.update(search(z_mm, v_mm_s if up else -v_mm_s, switch))
         write(data, port)
 
     bench.wire.write = writing  # type: ignore[method-assign]
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
     assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / v_mm_s + 0.015, abs=0.02)
-    assert bench.wire.asked[-1] in (b"x stop", b"x MST 0")
+    assert bench.wire.asked[-1] == OWN_STOPS.get(kind, BYTES[kind].stop)[-1]
     assert not bench.stage.homed
 
 
@@ -398,10 +385,8 @@ def test_a_search_that_does_not_begin_within_a_second_is_no_homing(kind: str, la
     assert bench.stage.homed or bench.clock.monotonic_s() - sent_s < 1.1
 
 
-STOPS = {
-    "zaber": [b"0 0 stop"], "standa": [b"z stop", b"x stop"], "tmcl": [b"z MST 0", b"x MST 0"],
-    "leadshine": [leadshine.said("00 06 60 02 00 40")],
-}  # fmt: skip
+OWN_STOPS = {"standa": [b"z stop", b"x stop"], "tmcl": [b"z MST 0", b"x MST 0"]}
+"""Where a stop of the table is one of z alone."""
 REPEATED = leadshine.said("01 06 60 02 00 40")
 """Stop of the other Leadshine drive, which is confirmed."""
 
@@ -416,7 +401,8 @@ def test_homing_that_fails_sends_a_stop_to_both_axes(kind: str) -> None:
     with raises(StageTimeout, "no_reply"):
         list(looks)
     asked = [one for one in bench.wire.asked if kind != "leadshine" or one != REPEATED]
-    assert asked[-len(STOPS[kind]) :] == STOPS[kind]
+    stops = OWN_STOPS.get(kind, [*BYTES[kind].stop])
+    assert asked[-len(stops) :] == stops
     assert (bench.wire.asked[-1] == REPEATED) is (kind == "leadshine")
     assert not bench.stage.homed
 
@@ -496,16 +482,21 @@ def test_a_stop_at_a_silent_port_is_an_error(kind: str, verb: str) -> None:
         getattr(bench.stage, verb)()
 
 
-STARTS = {
-    b"2 1 home", b"1 1 home", b"z home", b"x home", b"z zero", b"x zero", b"z RFS 0", b"x RFS 0",
-    leadshine.said("02 06 60 02 00 20"), leadshine.said("01 06 60 02 00 20"),
-}  # fmt: skip
-"""Commands that begin a search for home, or call the place where an axis stands home."""
+def _leading_to(kind: str, *states: str) -> set[bytes]:
+    """The commands of a table upon which one of these states begins."""
+    rows = [BYTES[kind].usual, *BYTES[kind].states.values()]
+    return {asked for row in rows for asked, said in row.items() if isinstance(said, tuple) and said[1] in states}
+
+
+def _starts(kind: str) -> set[bytes]:
+    """Commands that begin a search for home, or call the place where an axis stands home."""
+    return _leading_to(kind, "z homes", "x homes") | {b"z zero", b"x zero"}
 
 
 def _overtaken(bench: StageBench, kind: str, nth: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stop arrives from another thread after look number nth, and what was asked until then is forgotten."""
-    look, left = AXES[kind].look, [nth]
+    axis_class = type(_z(bench))
+    look, left = axis_class.look, [nth]
 
     def overtaken(axis: Any) -> Any:
         found = look(axis)
@@ -517,7 +508,7 @@ def _overtaken(bench: StageBench, kind: str, nth: int, monkeypatch: pytest.Monke
             bench.wire.forget()
         return found
 
-    monkeypatch.setattr(AXES[kind], "look", overtaken)
+    monkeypatch.setattr(axis_class, "look", overtaken)
 
 
 @every_kind
@@ -528,7 +519,7 @@ def test_a_stop_that_overtakes_homing_starts_nothing(kind: str, nth: int, monkey
     with raises(StageError, "stopped") if kind == "tmcl" and nth < 7 else suppress(StageError):
         bench.stage.home()
     assert not bench.stage.homed
-    assert not STARTS & {*bench.wire.asked}
+    assert not _starts(kind) & {*bench.wire.asked}
 
 
 @every_kind
@@ -549,8 +540,8 @@ def test_a_motion_that_an_earlier_program_left_is_ended_before_homing_begins(kin
         bench.stage.home()
     asked = bench.wire.asked
     assert bench.device.halt in asked
-    assert not STARTS & {*asked[: asked.index(bench.device.halt)]}
-    assert STARTS & {*asked}
+    assert not _starts(kind) & {*asked[: asked.index(bench.device.halt)]}
+    assert _starts(kind) & {*asked}
 
 
 @every_kind
@@ -565,16 +556,15 @@ def test_a_stop_that_overtakes_a_move_moves_nothing(
     with raises(StageError, "stopped", axis="z"):
         bench.move() if verb == "move" else bench.stage.jog("z", -0.1, 1.0)
     assert not bench.stage.homed
-    assert not {*bench.wire.asked} & {*SETS_OFF[kind], bench.device.trigger}
-
-
-SETS_OFF = {
-    "zaber": [b"2 1 move abs 40 655", b"2 1 move rel 40 655"],
-    "standa": [b"z move 10 0", b"z movr 10 0"],
-    "tmcl": [b"z SAP 4 400"],
-    "leadshine": [],
-}
-"""What begins a jog of 0.1 mm at 1 mm/s."""
+    moves = _leading_to(kind, "moving", "jogs")
+    assert not {*bench.wire.asked} & moves
+    if verb == "move":
+        return
+    free = StageBench(BYTES[kind], homed=verb == "jog")
+    free.stage.jog("z", -0.1, 1.0)
+    assert {*free.wire.asked} & moves, (
+        f"tests/contracts/bytes/{kind}.py: no command of a jog leads to 'moving' or 'jogs'"
+    )
 
 
 # --- one thread at a time ---
@@ -643,6 +633,11 @@ FAULTS: dict[str, Callable[[Any], object]] = {
     "standa": lambda z: z.fail(0x200, lasting=True),
     "tmcl": lambda z: z.fail(2),
 }
+"""How a twin fails so that it lasts, where that is not fail() with the alarm of the byte table."""
+
+
+def _fails(kind: str, axis: Any) -> None:
+    FAULTS.get(kind, lambda z: z.fail(BYTES[kind].alarm))(axis)
 
 
 @every_kind
@@ -650,7 +645,7 @@ FAULTS: dict[str, Callable[[Any], object]] = {
 @pytest.mark.parametrize("name", ["z", "x"])
 def test_a_fault_is_refused_before_a_jog(kind: str, homed: bool, name: Any) -> None:
     bench, devices = _bench(kind, homed=homed)
-    FAULTS[kind](getattr(devices, name))
+    _fails(kind, getattr(devices, name))
     with raises(StageAlarm, "alarm", axis=name):
         bench.stage.jog(name, -0.5, 2.0)
     assert not getattr(devices, name).busy
@@ -695,14 +690,14 @@ def test_a_fault_ends_homing(kind: str, name: str) -> None:
     with raises(StageAlarm, "alarm", axis=name):
         for _ in bench.stage.homing():
             if axis.busy:
-                FAULTS[kind](axis)
+                _fails(kind, axis)
     assert not bench.stage.homed
 
 
-@own_link
+@pytest.mark.parametrize("kind", [kind for kind in OWN_LINK if kind in FAULTS])
 def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
     bench, devices = _bench(kind)
-    FAULTS[kind](devices.z)
+    _fails(kind, devices.z)
     with raises(StageAlarm, "alarm", axis="z"):
         bench.stage.unlock()
     with raises(StageAlarm, "alarm", axis="z"):
@@ -911,11 +906,11 @@ def test_a_halt_that_the_controller_confirmed_is_not_sent_again_after_a_garbled_
     assert bench.stage.homed
 
 
-@pytest.mark.parametrize("kind", ["zaber", "standa", "tmcl", "leadshine"])
+@every_kind
 def test_the_error_of_an_alarm_says_how_to_clear_it(kind: str) -> None:
     """No command of this program does."""
     bench = bench_of(kind)
-    FAULTS[kind](bench.devices.z)
+    _fails(kind, bench.devices.z)
     with raises(StageAlarm, "alarm") as caught:
         bench.stage.home()
     assert "switch its controller off and on" in str(caught.value)

@@ -1,12 +1,12 @@
 """The campaign of studies/faults/campaign: it finds what is bad, and a sample of it on the program finds nothing."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
-from rig.devices.registry import BUILT_IN
+from rig.devices.registry import BUILT_IN, KnownBench
 from rig.engine.bench_memory import state_folder
 from rig.session.early_ending import FinalPosition
 from studies.faults.campaign import runner
@@ -30,6 +30,9 @@ from studies.faults.campaign.scenarios import SCENARIOS, Finished
 from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
 from studies.faults.campaign.world import BENCHES, VirtualWorld, config_of
 from studies.registry import read_table, tables_in
+from tests.contracts.force import Connected, ForceBytes
+from tests.contracts.stage import StageBench, StageBytes
+from tests.contracts.tables import tables
 
 # --- faults ---
 
@@ -91,22 +94,41 @@ def test_the_campaign_groups_messages_by_shape_and_content(
     assert (spoken.content(one) == spoken.content(other)) is contents
 
 
-@pytest.mark.parametrize(
-    ("kind", "tells", "asks"),
-    [
-        ("grbl", b"G53Z-1.5\n", b"?"),
-        ("leadshine", bytes.fromhex("0106600200100a0a"), bytes.fromhex("0103600200010a0a")),
-        ("zaber", b"/2 1 05 move abs 1000 327:0A\n", b"/2 1 05 get pos:0A\n"),
-        ("standa", b"home", b"gpos"),
-        ("tmcl", bytes.fromhex("01 04 00 00 00000001 06"), bytes.fromhex("01 06 01 00 00000000 08")),
-    ],
-)
-def test_the_campaign_tells_motion_commands_from_queries_of_every_stage(kind: str, tells: bytes, asks: bytes) -> None:
-    assert (LANGUAGES["stage"][kind].is_command(tells), LANGUAGES["stage"][kind].is_command(asks)) == (True, False)
+@pytest.mark.parametrize("device", tables(StageBytes), ids=lambda device: device.name)
+def test_the_campaign_tells_motion_commands_from_queries_of_every_stage(device: StageBytes) -> None:
+    bench, frames = StageBench(device), dict[bytes, bytes]()
+    hear = bench.wire._hear
+
+    def hearing(frame: bytes, port: bytes) -> None:
+        frames[port + device.heard(frame)] = frame
+        hear(frame, port)
+
+    bench.wire._hear = hearing  # type: ignore[method-assign]
+    bench.stage.home()
+    next(bench.stage.moving(**device.move))
+    spoken = language(KnownBench.model_validate({"stage": {"kind": device.kind, **device.table}}).stage)
+    found = [spoken.is_command(frames[asked]) for asked in (device.trigger, device.where)]
+    assert found == [True, False], f"studies/faults/campaign/messages.py: LANGUAGES does not fit {device.kind}"
 
 
-def test_the_campaign_has_a_language_for_every_device_kind() -> None:
-    assert {room: set(kinds) for room, kinds in LANGUAGES.items()} == {room: set(BUILT_IN[room]) for room in BUILT_IN}
+@pytest.mark.parametrize("device", [*tables(StageBytes), *tables(ForceBytes)], ids=lambda device: device.name)
+def test_a_kind_without_a_language_of_its_own_replies_in_lines_of_text(device: StageBytes | ForceBytes) -> None:
+    if any(device.kind in kinds for kinds in LANGUAGES.values()):
+        return
+    replies = list[bytes]()
+
+    def said(frame: bytes, reply: bytes) -> bytes:
+        replies.append(device.said(frame, reply))
+        return replies[-1]
+
+    noted = replace(device, said=said)
+    StageBench(noted) if isinstance(noted, StageBytes) else Connected(noted).driver.read()
+    assert all(reply.isascii() and reply.endswith(b"\n") for reply in replies), (
+        f"studies/faults/campaign/messages.py: LANGUAGES has no entry for {device.kind}"
+    )
+
+
+def test_the_campaign_speaks_every_language() -> None:
     spoken = [language(device) for bench in BENCHES for device in (config_of(bench).stage, config_of(bench).force)]
     assert {*spoken} == {LINES, MODBUS, MODBUS_TCP, ZABER, XIMC, TMCL, NET_FT}
 

@@ -1,7 +1,6 @@
 """Messages of every kind of device: what ends one, its numbers, what changes in it although nothing is said anew.
 
-`LANGUAGES` has an entry for each kind in the registry. A new kind adds its own: `LINES` fits a device that speaks
-lines of text, whose commands end with a newline.
+`LANGUAGES` has an entry for each kind that speaks otherwise than in lines of text.
 """
 
 import re
@@ -50,16 +49,16 @@ def _masked(data: bytes) -> str:
     return re.sub(r"[0-9]", "#", data.decode("latin-1"))
 
 
-def _ends(data: bytes) -> bool:
-    return data.endswith(b"\n")
+def _tells(data: bytes) -> bool:
+    return data.endswith((b"\r", b"\n")) and not data.startswith(b"?")
 
 
 def _lines(data: bytes) -> list[bytes]:
     return data.splitlines(keepends=True)
 
 
-LINES = Language(_masked, _as_it_is, _ends, _lines)
-"""GRBL's bytes in real time have no newline: they ask, or they stop."""
+LINES = Language(_masked, _as_it_is, _tells, _lines)
+"""A line that begins with ? asks. GRBL's bytes in real time have no line end: they ask, or they stop."""
 
 _CHAIN = re.compile(rb"([/@]\d+ \d+ )\d\d((?: .*)?:)[0-9A-F]{2}(\r?\n)", re.S)
 _TELLS = re.compile(rb" \d\d (home|move|stop|estop|set|warnings clear)")
@@ -160,13 +159,13 @@ NET_FT = Language(
 
 
 LANGUAGES: dict[Room, dict[str, Language]] = {
-    "stage": {"grbl": LINES, "leadshine": MODBUS, "zaber": ZABER, "standa": XIMC, "tmcl": TMCL},
-    "force": {"mtsics": LINES, "laumas": MODBUS, "text_cell": LINES, "net_ft": NET_FT},
+    "stage": {"leadshine": MODBUS, "zaber": ZABER, "standa": XIMC, "tmcl": TMCL},
+    "force": {"laumas": MODBUS, "net_ft": NET_FT},
 }
-"""The language of each kind; Modbus as RTU."""
+"""The language of each kind, where that is not LINES; Modbus as RTU."""
 
 
 def language(device: DeviceSettings) -> Language:
     """The language of a device in its framing."""
-    found = LANGUAGES[device.room][device.kind]
+    found = LANGUAGES[device.room].get(device.kind, LINES)
     return MODBUS_TCP if found is MODBUS and getattr(device, "framing", None) == "tcp" else found

@@ -66,6 +66,18 @@ DEVICE = StageBytes(
     unlock=(b"$X\n", b"error:9\r\n", "line_refused", 9),
     refusals={n: b"error:%d\r\n" % n for n in (1, 2, 3, 4, 8, 20, 22, 23, 24, 27, 38, 53)},
     alarm=1,
+    fault_words={1: "hard limit"},
+    refusal_words={
+        1: "letter",
+        2: "number",
+        3: "unknown $",
+        4: "negative",
+        8: "busy",
+        9: "locked",
+        20: "unsupported",
+        22: "feed rate",
+        **dict.fromkeys((23, 24, 27, 38, 53), ""),
+    },
     held=(StageHeld, "held"),
     garbled={
         "a byte that is none of ASCII": Garbled(b"<Idle|MPos:-1.0\xf3,-2\r\n", StageTimeout, "no_status"),
@@ -103,5 +115,7 @@ DEVICE = StageBytes(
     lacks={
         "limit": "soft limits are stored in a memory that wears out: they are written once, by connect()",
         "checksum": "lines of GRBL have none",
+        "search": "the board itself ends a search that finds no switch",
+        "ends": "the board reports a homing that fails as an alarm",
     },
 )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rig.devices.base import StageError, StageStatus, StageTimeout
-from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, Shown, StageBytes
+from tests.contracts.stage import SILENCE, Garbled, HomingEnd, Limit, Replies, Shown, StageBytes
 
 X, Z = 1, 2
 Y_MM = -15.0  # set by hand, as the configuration says by default
@@ -83,6 +83,7 @@ def usual(device: int, lowest: str, homing: str) -> Replies:
 
 UNHOMED_X = status(X, READY)
 GOING = {**status(Z, RUNNING), **stands(Z, HALF, HALF), **one("02 06 60 02 00 40", "slowing")}
+HOMED_REPLY = said(f"02 03 02 {HOMED}")
 FLOOR = "FF FF D6 98"  # −26.5 mm, −10600 pulses
 
 
@@ -136,6 +137,15 @@ RTU = StageBytes(
     unlock=(said("02 06 18 01 11 11"), said("02 86 04"), "refused", 4),
     refusals={n: said(f"02 86 {n:02X}") for n in (1, 2, 3, 8)},
     alarm=0xE0,
+    fault_words={
+        0xE0: "over-current",
+        0xC0: "over-voltage",
+        0xA1: "current sensing",
+        0x152: "motor phase",
+        0x240: "EEPROM",
+        0x123: "see its manual",
+    },
+    refusal_words={1: "illegal function", 2: "address", 3: "data value", 4: "failure", 8: "parity"},
     held=(StageError, "not_enabled"),
     garbled={
         "a wrong bit": Garbled(said("02 03 02 00 72"), StageError, "bad_crc", lambda f: f[:4] + b"\x62" + f[5:]),
@@ -154,6 +164,14 @@ RTU = StageBytes(
         "disabled": fault(DISABLED, "not_enabled"),
         "no longer homed": fault(READY, "was_reset"),
     },
+    ends={
+        "homed": HomingEnd("z is home", status(Z, HOMED), True),
+        **{
+            name: HomingEnd("z is home", {said("02 03 10 03 00 01"): (HOMED_REPLY, "then")}, then=status(Z, word))
+            for name, word in (("no longer homed", READY), ("moving again", RUNNING))
+        },
+    },
+    lacks={"search": "the status word does not show the home switch"},
     limit=Limit(
         -26.5,
         [said(f"02 10 60 08 00 02 04 {FLOOR}"), said("02 03 60 08 00 02"), said("02 03 60 00 00 01")],
@@ -198,7 +216,7 @@ TCP = replace(
     RTU,
     name="leadshine_tcp",
     table={"framing": "tcp"},
-    lacks={"checksum": "frames of Modbus TCP have none"},
+    lacks={**RTU.lacks, "checksum": "frames of Modbus TCP have none"},
     stop=[said("02 06 60 02 00 40"), said("01 06 60 02 00 40")],
     garbled={name: one for name, one in RTU.garbled.items() if name != "a wrong bit"},  # nothing shows it
     frames=frames_of_tcp,

@@ -115,6 +115,12 @@ def ends(state: str, said: bytes) -> HomingEnd:
     return HomingEnd(state, {b"z gets": said})
 
 
+def search(z_mm: float, v_mm_s: float, switch: str) -> Replies:
+    """What `gets` shows of a search for home."""
+    found = status(RUNS | HOME, round(-100 * z_mm), 0)
+    return {b"z gets": changed(found, inputs={"home": 2, "far": 1}.get(switch, 0))}
+
+
 def engine(flags: int, mode: int) -> bytes:
     """Reply to `geng`."""
     return b"geng" + struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, flags, 0, mode, 200)
@@ -142,8 +148,8 @@ DEVICE = StageBytes(
         b"z smov 50 0 6000 6000 0 0 0": b"smov",
         b"z move 250 0": (b"move", "moving"),
         b"z smov 100 0 6000 6000 0 0 0": b"smov",
-        b"z move 10 0": b"move",  # a jog, 0.1 mm at 1 mm/s
-        b"z movr 10 0": b"movr",  # the same, not homed
+        b"z move 10 0": (b"move", "moving"),  # a jog, 0.1 mm at 1 mm/s
+        b"z movr 10 0": (b"movr", "moving"),  # the same, not homed
         b"z stop": (b"stop", "rested"),
     },
     states={
@@ -172,6 +178,10 @@ DEVICE = StageBytes(
     halt=b"z sstp",
     unlock=(b"z stop", b"errc", "line_refused", "errc"),
     refusals={"errd": b"errd", "errv": b"errv"},
+    fault_words=dict.fromkeys(
+        (*ALARMS.values(), "ALARM CTP_ERROR", "ALARM OVERLOAD_POWER_CURRENT", "RIGHT_EDGE"), ""
+    ),
+    refusal_words={"errc": "unknown command", "errd": "checksum", "errv": "value"},
     alarm="ALARM OVERLOAD_POWER_CURRENT",
     held=(StageHeld, "held"),
     garbled={
@@ -240,6 +250,7 @@ DEVICE = StageBytes(
         "a microstep from the zero": ends("z is zero", status(HOME, 0, HOMED, 1)),
         "without its flag after the zero": ends("z is zero", status(HOME, 0, 0x17)),
     },
+    search=search,
     lacks={"limit": "borders at positions would replace the limit switches"},
     heard=content,
     said=sealed,

@@ -77,6 +77,15 @@ def shown(parameter: int, value: int, codes: tuple[str, str, str], number: int |
     return Shown({**GOING, **other}, {b"z GAP 1": b"100 %d" % at, **other}, codes, number)
 
 
+def search(z_mm: float, v_mm_s: float, switch: str) -> Replies:
+    """A search for home."""
+    return {
+        **axis("z", at=round(-400 * z_mm), speed=round(-400 * v_mm_s), most=2000, search=1),
+        b"z GAP 11": b"100 1" if switch == "home" else b"100 0",
+        b"z GAP 10": b"100 1" if switch == "far" else b"100 0",
+    }
+
+
 def home_switch(at: int) -> Shown:
     """The home switch is active, 400 counts in a mm from home."""
     near = abs(at) <= 400
@@ -143,6 +152,15 @@ DEVICE = StageBytes(
     unlock=(b"z GAP 207", b"6 0", "line_refused", 6),
     refusals={n: b"%d 0" % n for n in range(1, 6)},
     alarm=10,
+    fault_words={207: "steps lost", 208: "motor driver", 10: "right limit", 11: "left limit"},
+    refusal_words={
+        1: "checksum",
+        2: "unknown command",
+        3: "type",
+        4: "out of range",
+        5: "EEPROM",
+        6: "not available",
+    },
     held=(StageOverridden, "overridden"),
     garbled={
         "a wrong bit": Garbled(b"100 0", StageError, "garbled", lambda f: f[:5] + b"\x01" + f[6:]),
@@ -185,6 +203,7 @@ DEVICE = StageBytes(
             then={**axis("z", most=2000, speed=100), b"z RFS 2": b"100 0"},
         ),
     },
+    search=search,
     lacks={"limit": "modules have no limit of the travel besides their switches"},
     frames=frames,
     heard=heard,

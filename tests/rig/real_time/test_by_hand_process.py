@@ -19,7 +19,7 @@ from rig.plan.config import Config, load_config
 from rig.transport import open_port
 from tests.error_codes import raises
 from tests.preloaded import Popen
-from tests.rig.hand_bench import STOPS, is_move
+from tests.rig.hand_bench import is_move, is_stop
 from tests.waiting import DEADLINE_S, repeated, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -152,7 +152,7 @@ def test_two_drives_on_a_bus_are_stopped_in_a_step(
     (log,) = (state_folder() / "by_hand").glob("*.jsonl")
     sent = [json.loads(line) for line in log.read_text("ascii").splitlines() if '"tx"' in line]
     frames = [bytes.fromhex(line["hex"]) for line in sent if line["port"] == bench.ports["stage"]]
-    stop = next(number for number, frame in enumerate(frames) if frame[:6] == STOPS["leadshine"])
+    stop = next(number for number, frame in enumerate(frames) if is_stop("leadshine", frame))
     assert not [frame for frame in frames[stop:] if is_move("leadshine", frame)]
     again = begin(config)
     assert again("status")["x_mm"] == pytest.approx(at_mm, abs=0.003)
