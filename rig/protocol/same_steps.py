@@ -55,7 +55,7 @@ class SameSteps(_Comparison):
         super().__init__()
         self._recorded = dict(_recorded(before))
         self._notes = [str(event.get("text", "")) for event in before.stream("note")]
-        self._checkpoints = [str(event.get("name", "")) for event in before.stream("checkpoint")]
+        self._checkpoints = [str(event["name"]) for event in before.stream("checkpoint") if "name" in event]
         self._rests_s = [float(event["rest_s"]) for event in before.stream("rest") if "rest_s" in event]
 
     def compare(self, step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> None:

@@ -68,7 +68,7 @@ WALK = {
     "home": Walked("--config rig.toml", "rig.cli.bench._home"),
     "zero": Walked("--config rig.toml", "rig.cli.bench.open_bench"),
     "status": Walked("--config rig.toml", "rig.cli.bench.look_and_contact"),
-    "stop": Walked("--config rig.toml", "rig.cli.stop.send_stop", own=False),
+    "stop": Walked("--config rig.toml", "rig.cli.stop.OutsideStop", own=False),
     "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.manual_session"),
     "by-hand": Walked("--config rig.toml", "rig.cli.panel.ManualLog", own=False),
     "calibrate": Walked("force --config rig.toml --mass-g 5", "rig.cli.calibrate.open_force", own=False),

@@ -16,12 +16,13 @@ import pytest
 from rig.clock import WallClock
 from rig.control.client import announced
 from rig.panel import requests
-from rig.panel.app import application
+from rig.panel.access import Address
+from rig.panel.app import applications
 from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import Config
 from tests.preloaded import Popen
 from tests.rig.panel.asgi_client import asked
-from tests.rig.panel.stub_panel import OWN, PORT, TOKEN, StubHandProcess
+from tests.rig.panel.stub_panel import OWN, PORT, STOP_PORT, TOKEN, StubHandProcess
 from tests.waiting import DEADLINE_S, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -282,7 +283,7 @@ def test_stop_in_the_panel(
         settings = Config.model_validate({"stage": {"port": made.port}})
         watcher = Watcher(tmp_path / "runs", BenchView(made.config, settings), announced, WallClock())
         watcher.owners = watcher.find()
-        app = application(watcher, StubHandProcess(), PORT, TOKEN)
+        app, _ = applications(watcher, StubHandProcess(), Address(PORT, STOP_PORT, TOKEN))
         body, headers = b"{}", [*OWN.items(), ("x-rig-tab", "a")]
         begun_s = time.monotonic()
         answer = asked(app, "POST", "/stop", headers, [body]).json()

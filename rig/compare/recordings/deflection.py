@@ -21,6 +21,9 @@ from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 
+FEWEST_POINTS = 5
+"""Points whose mean or sum another one does not have by chance."""
+
 _COLUMNS = ("x_mm", "z_mm")
 _CENTRE_MM, PROXIMAL_MM = 0.0, 0.0
 
@@ -50,7 +53,9 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
     }
     down_mm = downward_mm(path, rows)
     columns = ["deflection_mm", *given]
-    refuse_total_rows(rows, columns, np.column_stack([down_mm, *(places[name] for name in given)]), "point")
+    refuse_total_rows(
+        rows, columns, np.column_stack([down_mm, *(places[name] for name in given)]), "point", fewest=FEWEST_POINTS
+    )
     return SkinDeflection(**places, deflection_mm=down_mm)
 
 

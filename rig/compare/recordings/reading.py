@@ -213,6 +213,8 @@ def _has_digit(text: str) -> bool:
 
 def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
     """Refuse one of the first or last rows whose numbers are all the sums, means and the like of the other rows."""
+    if not rows:
+        return
     columns = [name, role_name("position")]
     repeats = [row.format.number(row.cells.get(role_name("repeat"), "")) for row, _ in rows]
     values = np.array([[row.number(name), place, repeat] for (row, place), repeat in zip(rows, repeats, strict=True)])

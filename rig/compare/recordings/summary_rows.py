@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 ROUNDED = 1e-3
 """Share by which a mean in a table may be rounded."""
 
-_FEWEST_OTHERS = 3
 _SUMMARIES = (
     "all", "overall", "sd", "std", "se", "sem", "min", "max", "minimum", "maximum", "var", "count", "range", "ci",
     "cv", "iqr",
@@ -56,12 +55,12 @@ def _is_summary_word(word: str) -> bool:
     return word in _SUMMARIES or _SUMMARY_WORD.fullmatch(word) is not None
 
 
-def refuse_total_rows(rows: Sequence[Row], columns: Sequence[str], values: Array, what: str) -> None:
+def refuse_total_rows(rows: Sequence[Row], columns: Sequence[str], values: Array, what: str, fewest: int = 3) -> None:
     """Refuse one of the first or last rows whose numbers are all the sums, means and the like of the other rows.
 
-    values (n, k) are those of k columns in n rows, `what` is a row in words.
+    values (n, k) are those of k columns in n rows, `what` is a row in words, `fewest` the others that can show it.
     """
-    for beside in range(1, min(_MOST_TOTALS, len(rows) - _FEWEST_OTHERS) + 1):
+    for beside in range(1, min(_MOST_TOTALS, len(rows) - fewest) + 1):
         for block, others in ((slice(-beside, None), slice(-beside)), (slice(beside), slice(beside, None))):
             table = values[others]
             if np.ptp(table[:, 0]) == 0:
