@@ -46,6 +46,7 @@ NOT_RUN = {
     "cp examples/tutorial/synthetic_afferent.csv .": "tests/rig/test_followed_pages.py",
     "make demo": f"{SETUP}; its dry-run is tests/rig/test_dry_run.py's",
     "make test": SETUP,
+    "make docs": SLOW,
     "pytest -n 0 tests/contracts tests/rig/test_catalogue.py tests/rig/test_NAME_driver.py": "these are tests",
     "rig config --markdown > docs/configuration.md": "tests/rig/test_config_command.py",
     "rig serve": "tests/rig/real_time/test_serve_command.py",
