@@ -91,9 +91,9 @@ def silent_sentence(run: Run, record: SpikeRecord) -> str:
 
 
 def nerve_figures(run: Run, record: SpikeRecord) -> list[Plot]:
-    """Return the figures of simulated spikes; none without a finished indentation, or where nothing fired."""
+    """Return the figures of simulated spikes; none without a finished indentation, or with `no_spikes_drawn`."""
     presses = pressed(run)
-    if not presses or not _fired(record):
+    if not presses or not record.trains or no_spikes_drawn(run, record):
         return []
     about = (
         f"Synthetic: spikes of simulated afferents, seed {record.seed}, at an electrode {record.electrode}. "

@@ -13,7 +13,7 @@ from rig.data.choices import WHY_ENDED, verdict_of
 from rig.data.deviation import deviations, warning_of
 from rig.data.folder import replace_text
 from rig.data.run import read_provenance
-from rig.data.spike_files import read_spikes
+from rig.data.spike_files import SpikeRecord, read_spikes
 from rig.plan.config import load_config
 from rig.plan.finger_file import TISSUE, Draw
 from rig.plan.finger_model import PredictedHold, by_group, responses
@@ -120,7 +120,7 @@ def _write_page(
     ending: Mapping[str, str] | None,
     further: Sequence[Plot] = (),
 ) -> Path:
-    provenance = read_provenance(run.folder, "devices")
+    provenance, spikes = read_provenance(run.folder, "devices"), read_spikes(run.folder)
     text = render(
         "run.html.j2",
         run=run,
@@ -128,8 +128,8 @@ def _write_page(
         found=run_tables.one_by_one(run, found),
         scheduled=run_tables.scheduled(run),
         conditions=grouped(run_tables.condition_rows(run, found), key=lambda row: row.group),
-        figures=[*run_page_figures(run, found), *further],
-        no_spikes_drawn=no_spikes_drawn(run, read_spikes(run.folder)),
+        figures=[*run_page_figures(run, found, spikes), *further],
+        no_spikes_drawn=no_spikes_drawn(run, spikes),
         choices=choice_rows(run),
         verdict=verdict_of(run),
         why_ended=WHY_ENDED,
@@ -151,8 +151,8 @@ def _write_page(
     return run.folder.report
 
 
-def run_page_figures(run: Run, found: list[PredictedHold]) -> list[Plot]:
-    """Return the figures of the page, in its order."""
+def run_page_figures(run: Run, found: list[PredictedHold], spikes: SpikeRecord | None) -> list[Plot]:
+    """Return the figures of the page, in its order; spikes: those beside the run."""
     pressed, groups = run_tables.delivered(run), list(by_target(conditions(run)).items())
     over_time = [
         *([run_figures.delivered_presses(pressed, run_tables.message(run, pressed))] if pressed else []),
@@ -161,14 +161,13 @@ def run_page_figures(run: Run, found: list[PredictedHold]) -> list[Plot]:
     ]
     if not found:
         return over_time
-    spikes = read_spikes(run.folder)
     return [
         *over_time,
         *figures_of(groups, run_figures.GROUPS_A_PAGE, lambda part: run_figures.presses(run, dict(part))),
         *figures_of(groups, run_figures.GROUPS_A_PAGE, lambda part: run_figures.force_depth(run, dict(part))),
         *_contact_figures(run, found),
         *_population_figures(found),
-        *(nerve_figures(run, spikes) if spikes and not no_spikes_drawn(run, spikes) else ()),
+        *(nerve_figures(run, spikes) if spikes else ()),
     ]
 
 

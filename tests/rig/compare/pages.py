@@ -21,7 +21,7 @@ from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import StimulusMap, StimulusRow, deepest_map
 from rig.data import Run
 from rig.data.folder import RunFolder
-from rig.data.spike_files import SpikeRecord, SpikeTrain
+from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes
 from rig.design.choose import AddedPresses, ChosenPresses
 from rig.design.confusion import Confusion, OrderedDesign
 from rig.design.design import Design, DesignRequest
@@ -266,7 +266,7 @@ class Made(NamedTuple):
 
 
 def _run_figures(world: World) -> Made:
-    return Made(world, figures=run_page_figures(world.run, list(world.found)))
+    return Made(world, figures=run_page_figures(world.run, list(world.found), read_spikes(world.run.folder)))
 
 
 def _own(run: Run, path: Path, found: Sequence[PredictedHold]) -> Run:
