@@ -25,6 +25,12 @@ from rig.cli.output import THE_FINGER
 from rig.cli.program import COMMANDS
 
 
+def press_script(*presses: str) -> str:
+    """Return a script that presses at one place with these arguments."""
+    verbs = ['mount("bar:3.0")', "home()", "zero()", "move_to(x_mm=0.0)", *(f"indent({how})" for how in presses)]
+    return "def run(rig):\n" + "".join(f"    rig.{verb}\n" for verb in verbs)
+
+
 @cache
 def _schema(command: str) -> Draft202012Validator:
     found = schema_of_command(command) if command in OUTPUTS else TypeAdapter(FailureJson).json_schema()

@@ -24,7 +24,7 @@ from rig.plan.config import Config
 from rig.transport import open_port
 from sim import compiling
 from tests.preloaded import Popen
-from tests.program import EMPTY_FIGURES, INIT_ANSWERS, SEVERAL, WHOLE
+from tests.program import EMPTY_FIGURES, INIT_ANSWERS, SEVERAL, WHOLE, press_script
 from tests.waiting import DEADLINE_S, gathered, until
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
@@ -42,14 +42,7 @@ NEAR: dict[str, Any] = {
     "virtual": {"indentor": "bar:3.0"},
 }
 FAST = ("$110=3000", "$111=3000", "$112=3000", "$120=500", "$121=500", "$122=500", "$24=600", "$25=3000", "$26=10")
-SCRIPT = """\
-def run(rig):
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.indent(doi_mm=0.3, hold_s={hold_s})
-"""
+SCRIPT = press_script("doi_mm=0.3, hold_s={hold_s}")
 EDGES = """\
 def run(rig):
     rig.mount("step:1")

@@ -24,7 +24,7 @@ from rig.manual.owner_process import ManualOwner
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-from tests.program import NEAR_HOME, Program
+from tests.program import NEAR_HOME, Program, press_script
 from tests.waiting import until
 
 if not hasattr(signal, "SIGTSTP"):
@@ -38,14 +38,7 @@ BACKGROUND = ("SIGTTIN", "SIGTTOU")
 INHERITED = ("SIGINT", "SIGTSTP", "SIGQUIT")
 """Ignored and blocked when the program begins: a shell does the first to a background program."""
 
-SCRIPT = """\
-def run(rig):
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.indent(force_gwt=1.0, hold_s=0.1)
-"""
+SCRIPT = press_script("force_gwt=1.0, hold_s=0.1")
 
 
 @pytest.fixture(autouse=True)

@@ -18,19 +18,11 @@ from rig.data import read_run
 from rig.engine import Journal
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-from tests.program import NEAR_HOME, Ended, Program
+from tests.program import NEAR_HOME, Ended, Program, press_script
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
-SCRIPT = """\
-def run(rig):
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.indent(force_gwt=1.0, hold_s=0.1)
-    rig.indent(force_gwt=1.0, hold_s=0.1)
-"""
+SCRIPT = press_script("force_gwt=1.0, hold_s=0.1", "force_gwt=1.0, hold_s=0.1")
 
 
 def _replaced(path: Path) -> None:

@@ -23,7 +23,7 @@ from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.nerve.population import AfferentPopulation
 from tests.error_codes import raises
-from tests.program import Program
+from tests.program import Program, press_script
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
@@ -328,14 +328,7 @@ def test_rates_from_simulated_spikes_are_the_counts_in_the_holds(run: Run, confi
     assert found.name == "synthetic_spikes.nwb"
 
 
-SCRIPT = """\
-def run(rig):
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.indent(doi_mm=0.4, hold_s=0.3)
-"""
+SCRIPT = press_script("doi_mm=0.4, hold_s=0.3")
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from rig.panel.app import applications
 from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import Config
 from tests.preloaded import Popen
+from tests.program import press_script
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.stub_panel import OWN, PORT, STOP_PORT, TOKEN, StubHandProcess
 from tests.waiting import DEADLINE_S, until
@@ -106,14 +107,7 @@ else:
 print("ready", flush=True)
 sys.stdin.read()
 """
-SCRIPT = """\
-def run(rig):
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.indent(doi_mm=0.3)
-"""
+SCRIPT = press_script("doi_mm=0.3")
 
 
 class Cell:
