@@ -25,7 +25,7 @@ _SEE_TO_THE_DEVICE = "check the device that failed"
 
 
 class EndedRun(Protocol):
-    """What a journal tells of a run that ended."""
+    """Run that has ended, as its journal describes it."""
 
     @property
     def stop(self) -> Mapping[str, Any] | None: ...

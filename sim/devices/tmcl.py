@@ -242,7 +242,7 @@ class VirtualTmclAxis(CountedMotor):
 
 
 Act = Callable[[VirtualTmclAxis, int, int], int | None]
-"""What a command does with an axis, its type and its value; it returns the value of the reply, None for that sent."""
+"""Carries out a command on an axis, with its type and value; returns the value of the reply, None for that sent."""
 PARAMETER_COMMANDS: dict[int, Act] = {
     SAP: lambda axis, number, value: axis.set_parameter(number, value),
     GAP: lambda axis, number, _: axis.parameter(number),

@@ -52,7 +52,7 @@ def test_a_reading_within_it_is_used_and_an_older_one_trips(device: ForceBytes) 
 
 
 @every_device
-def test_a_driver_that_returns_late_is_not_believed(device: ForceBytes) -> None:
+def test_a_reading_that_a_driver_returns_after_its_sample_age_is_refused(device: ForceBytes) -> None:
     """A computer that stood still between the request and the reading."""
     clock = VirtualClock()
     sensor: Any = StubSensor(clock)

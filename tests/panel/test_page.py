@@ -205,7 +205,7 @@ def test_nothing_is_cut_and_stop_comes_first(width: int, bench: Bench, opened: O
 
 
 @pytest.mark.parametrize("theme", THEMES)
-def test_axe_finds_nothing_in_any_state(theme: str, bench: Bench, opened: Opened) -> None:
+def test_the_page_is_accessible_in_every_state(theme: str, bench: Bench, opened: Opened) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     for name, scene in scenes.SCENES.items():
         one = bench(scene())
@@ -223,7 +223,7 @@ def test_axe_finds_nothing_in_any_state(theme: str, bench: Bench, opened: Opened
 # --- runs and tabs ---
 
 
-def test_the_schedule_is_that_of_the_run_and_runs_are_found_by_their_subject(bench: Bench, opened: Opened) -> None:
+def test_the_page_shows_the_schedule_of_the_run_and_finds_runs_by_subject(bench: Bench, opened: Opened) -> None:
     one = bench(scenes.running())
     one.runs = scenes.runs()
     page = _filled(one, opened)
@@ -257,7 +257,7 @@ def test_a_second_tab_watches_until_it_takes_the_controls(bench: Bench, opened: 
 # --- manual control ---
 
 
-def test_a_click_a_tap_or_a_key_is_one_step_and_nothing_else_is(bench: Bench, opened: Opened) -> None:
+def test_a_click_a_tap_or_a_key_makes_exactly_one_step(bench: Bench, opened: Opened) -> None:
     one = bench(scenes.by_hand())
     page = opened(one.address, has_touch=True)
     down, steps = page.locator("#directions [data-key=s]"), 0

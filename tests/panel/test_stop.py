@@ -41,7 +41,7 @@ def _ready(one: StandIn, opened: Opened, **how: Any) -> Any:
 
 
 @pytest.mark.parametrize("by", ["mouse", "touch", "key", "focused button"])
-def test_stop_leaves_and_is_repeated_although_the_page_hangs(by: str, running: StandIn, opened: Opened) -> None:
+def test_stop_is_sent_and_repeated_although_the_page_hangs(by: str, running: StandIn, opened: Opened) -> None:
     page = _ready(running, opened, has_touch=True)
     running.answering.clear()
     page.evaluate(BLOCKED, 2000)
@@ -62,7 +62,7 @@ def test_stop_leaves_and_is_repeated_although_the_page_hangs(by: str, running: S
     expect(page.locator("#stop_said")).to_have_class("good")
 
 
-def test_an_unanswered_stop_is_loud_until_it_is_answered_or_given_up(running: StandIn, opened: Opened) -> None:
+def test_the_page_warns_of_a_stop_until_it_is_answered_or_given_up(running: StandIn, opened: Opened) -> None:
     page = _ready(running, opened)
     running.answers["/stop"] = (503, {"ok": False, "problem": "the run does not answer"})
     page.keyboard.press("Escape")

@@ -247,7 +247,7 @@ def _refuse_a_repeat_of_totals(rows: list[tuple[Row, float]], name: str) -> str:
 
 
 class _Summary(NamedTuple):
-    """What presses are together; `exact`: no press has it by chance, unless it is rounded to a whole number."""
+    """Statistic of several presses; `exact`: no press equals it by chance, unless it is rounded to a whole number."""
 
     of: Callable[[list[float]], float]
     exact: bool = False

@@ -73,7 +73,7 @@ def test_a_clock_that_is_ahead_makes_nothing_younger_than_its_journal(run: Writt
     assert row[0] == written_s(run.path)
 
 
-def test_the_limits_are_those_of_the_run(run: Written) -> None:
+def test_the_panel_shows_the_limits_of_the_run(run: Written) -> None:
     assert told(run).limits_state() == limits_state(Config(), 0.05)
     found = limits_state(Config(), 0.05)
     assert (found["trip_gwt"], found["max_doi_mm"]) == (pytest.approx(0.05 / GWT_N), 1.5)

@@ -129,12 +129,12 @@ def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: flo
     np.testing.assert_allclose(each_mm, depths[-1]["doi_mm"] / DEPTHS, rtol=1e-9)
 
 
-def test_a_press_that_is_over_is_not_solved_on(finger: Fingertip) -> None:
+def test_the_section_of_a_press_that_is_over_is_not_solved_further(finger: Fingertip) -> None:
     press = PressSummary(0, "data", 0.5, "doi_mm", 0.6)
     assert len(depths_of(finger, parse_shape("bar:3.0"), press, lambda: True)) == 1
 
 
-def test_beyond_the_model_there_is_no_curve_and_a_reason(config: Path) -> None:
+def test_a_press_beyond_the_model_has_no_curve_and_a_reason(config: Path) -> None:
     found = section_of(Job(config, None, "bar:3.0", 0.0, PressSummary(0, "data", 0.0, "doi_mm", 3.0)))
     assert "depths" not in found
     assert found["skin"]
