@@ -1,8 +1,8 @@
 """Class and size of an indentor, from the shape of the skin in contact.
 
-Decoded pressures move the skin by the section's compliance, and in contact the skin follows the indentor's outline.
-Flat, round and stepped outlines are fitted to it; the class is the one that explains it, within the skin's error,
-with the fewest parameters. A row of receptors has one plane, so that a sphere is classified as a cylinder.
+Decoded pressures move the skin by the finger's compliance, and in contact the skin follows the indentor's outline:
+flat, round or stepped across the finger, or round both ways. The class is the outline that explains the skin, within
+its error, with the fewest parameters.
 """
 
 from typing import Literal, NamedTuple, get_args
@@ -10,129 +10,27 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.pressure import SectionSkin
 from sim.coding.sheet import SkinOver
-from sim.contact.patch import X
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-ShapeClass = Literal["bar", "cylinder", "step"]
-CLASSES: tuple[ShapeClass, ...] = get_args(ShapeClass)
+SolidClass = Literal["bar", "cylinder", "step", "sphere"]
+SOLIDS: tuple[SolidClass, ...] = get_args(SolidClass)
 
-SKIN_SD_MM = 0.007
+SKIN_SD_MM = 0.02
 """Standard deviation of skin under decoded pressures (mm); chosen on other scenes than those reported
 (docs/validation/coding.md)."""
 
 STEP_MM = 0.5
 """Height of the source's steps (mm)."""
 
-_PRESSED = 0.15  # threshold of contact, relative to the median pressure
-_NUMBERS: dict[ShapeClass, int] = {"bar": 1, "cylinder": 3, "step": 3}  # of fitted parameters
+_PRESSED = 0.25  # threshold of certain contact, relative to the highest pressure
+_NEIGHBOURS = 2  # of four: pressed neighbors of a point in contact
+_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # of fitted parameters
 _HALF_WAVES_MM = np.geomspace(0.3, 4.5, 28)
 _PLACES_MM = 0.04  # between candidate references of a step
-_WIDEST_MM = 20.0  # cylinder
-
-
-class ShapeEstimate(NamedTuple):
-    """Class with its size, and the cost of each class: less is better."""
-
-    name: ShapeClass
-    size_mm: float  # width of a bar, diameter of a cylinder, half a wavelength of a step
-    cost: dict[ShapeClass, float]
-
-
-class _Outline(NamedTuple):
-    squares: float  # mm²
-    size_mm: float
-
-
-def classify_shape(skin: SectionSkin, pressure: Array) -> ShapeEstimate:
-    """Classify the shape from (n,) pressures, some above 0."""
-    along, up = _on_the_indentor(skin, pressure)
-    first, last = edges_mm(skin, pressure)
-    flat = _Outline(float(((up - up.mean()) ** 2).sum()), last - first)
-    outlines: dict[ShapeClass, _Outline] = {"bar": flat, "cylinder": _circle(along, up), "step": _step(along, up)}
-    per_number = np.log(max(2, len(up)))
-    cost = {name: fit.squares / SKIN_SD_MM**2 + per_number * _NUMBERS[name] for name, fit in outlines.items()}
-    name = min(cost, key=cost.__getitem__)
-    return ShapeEstimate(name, outlines[name].size_mm, cost)
-
-
-def _contact(pressure: Array) -> NDArray[np.bool_]:
-    return pressure > _PRESSED * np.median(pressure[pressure > 0.05 * pressure.max()])
-
-
-def _middles(skin: SectionSkin, pressure: Array) -> Array:
-    """Return (2, n) midpoints of the pressed samples (mm)."""
-    ends = skin.pressed(pressure, skin.lean(pressure) * pressure)
-    return np.asarray(0.5 * (ends[:, 1:] + ends[:, :-1]))
-
-
-def _on_the_indentor(skin: SectionSkin, pressure: Array) -> Array:
-    """Return (2, k) skin points well inside contacts: at their ends the skin bends away from the indentor."""
-    pressed = np.concatenate([[False], _contact(pressure), [False]])
-    runs = np.flatnonzero(np.diff(pressed.astype(int))).reshape(-1, 2).tolist()
-    cut = [2 if stop - first >= 8 else int(stop - first >= 3) for first, stop in runs]
-    inside = [np.arange(first + k, stop - k) for (first, stop), k in zip(runs, cut, strict=True)]
-    return _middles(skin, pressure)[:, np.concatenate(inside)]
-
-
-def _circle(along: Array, up: Array) -> _Outline:
-    """Fit a convex circle by algebraic least squares."""
-    if len(up) < 3:
-        return _Outline(np.inf, np.nan)
-    terms = np.stack([along, up, np.ones_like(up)], axis=1)
-    a, b, c = np.linalg.lstsq(terms, -(along**2 + up**2), rcond=None)[0]
-    radius = np.sqrt(max(0.0, (a * a + b * b) / 4 - c))
-    if -b / 2 < up.mean() or 2 * radius > _WIDEST_MM:
-        return _Outline(np.inf, 2 * radius)
-    return _Outline(float(((np.hypot(along + a / 2, up + b / 2) - radius) ** 2).sum()), 2 * radius)
-
-
-def _step(along: Array, up: Array) -> _Outline:
-    """Fit the best half-wavelength and reference of a step, at its best height."""
-    reference = np.arange(along.min() - 1.0, along.max() + 0.5, _PLACES_MM)
-    s = (along - reference[:, None])[None] / _HALF_WAVES_MM[:, None, None]
-    left = up - 0.5 * STEP_MM * (1 - np.cos(np.pi * np.clip(s, 0.0, 1.0)))
-    squares = ((left - left.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
-    best = np.unravel_index(squares.argmin(), squares.shape)
-    return _Outline(float(squares[best]), float(_HALF_WAVES_MM[best[0]]))
-
-
-def edges_mm(skin: SectionSkin, pressure: Array) -> tuple[float, float]:
-    """Return x of the first and the last edge of contact, where they are sharp.
-
-    An edge lies half a sample beyond its pressure peak: the force of a corner acts just inside it.
-    """
-    pressed = np.flatnonzero(_contact(pressure))
-    first, stop = pressed[0], pressed[-1] + 1
-    along, level = _middles(skin, pressure)[X], np.median(pressure[first:stop])
-    outer, half = min(3, stop - first), 0.5 * float(np.diff(skin.at_rest_mm[X]).max())
-    ends = [_centre(along[k], pressure[k] - level) for k in (slice(first, first + outer), slice(stop - outer, stop))]
-    return ends[0] - half, ends[1] + half
-
-
-def _centre(along: Array, over: Array) -> float:
-    over = np.maximum(over, 1e-9)
-    return float(along @ over / over.sum())
-
-
-# --- solids ---
-#
-# The same over x and z, with flat outlines, round or stepped across, and round both ways.
-
-Flags = NDArray[np.bool_]
-
-SolidClass = Literal["bar", "cylinder", "step", "sphere"]
-SOLIDS: tuple[SolidClass, ...] = get_args(SolidClass)
-
-SOLID_SD_MM = 0.02
-"""Standard deviation of skin under decoded pressures (mm); chosen on other scenes than those reported
-(docs/validation/coding.md)."""
-
-_SOLID_PRESSED = 0.25  # threshold of certain contact, relative to the highest pressure
-_NEIGHBOURS = 2  # of four: pressed neighbors of a point in contact
-_SOLID_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # of fitted parameters
+_WIDEST_MM = 20.0  # cylinder or sphere
 
 
 class SolidEstimate(NamedTuple):
@@ -142,6 +40,11 @@ class SolidEstimate(NamedTuple):
     size_mm: float  # diameter of a cylinder or a sphere, half a wavelength of a step, width of a bar
     extent_mm: tuple[float, float]  # of contact along x and along z
     cost: dict[SolidClass, float]
+
+
+class _Outline(NamedTuple):
+    squares: float  # mm²
+    size_mm: float
 
 
 def classify_solid(skin: SkinOver, pressure: Array) -> SolidEstimate:
@@ -157,14 +60,14 @@ def classify_solid(skin: SkinOver, pressure: Array) -> SolidEstimate:
         "sphere": _round(y, x, z),
     }
     per_number = np.log(max(2, len(y)))
-    cost = {name: outlines[name].squares / SOLID_SD_MM**2 + per_number * _SOLID_NUMBERS[name] for name in SOLIDS}
+    cost = {name: outlines[name].squares / SKIN_SD_MM**2 + per_number * _NUMBERS[name] for name in SOLIDS}
     best = min(SOLIDS, key=cost.__getitem__)
     return SolidEstimate(best, outlines[best].size_mm, extent, cost)
 
 
 def contact(skin: SkinOver, pressure: Array) -> Flags:
     """Return (n,) points certainly in contact: pressed, with at least two pressed neighbors."""
-    pressed = (pressure > _SOLID_PRESSED * pressure.max()).reshape(skin.grid.shape)
+    pressed = (pressure > _PRESSED * pressure.max()).reshape(skin.grid.shape)
     beside = np.pad(pressed, 1).astype(int)
     neighbours = beside[:-2, 1:-1] + beside[2:, 1:-1] + beside[1:-1, :-2] + beside[1:-1, 2:]
     inside = pressed & (neighbours >= _NEIGHBOURS)
@@ -191,3 +94,13 @@ def _round(up: Array, *flat: Array) -> _Outline:
         return _Outline(np.inf, 2 * radius)
     apart = np.sqrt(sum((v + a / 2) ** 2 for v, a in zip(flat, across, strict=True)) + (up + b / 2) ** 2)
     return _Outline(float(((apart - radius) ** 2).sum()), float(2 * radius))
+
+
+def _step(along: Array, up: Array) -> _Outline:
+    """Fit the best half-wavelength and reference of a step, at its best height."""
+    reference = np.arange(along.min() - 1.0, along.max() + 0.5, _PLACES_MM)
+    s = (along - reference[:, None])[None] / _HALF_WAVES_MM[:, None, None]
+    left = up - 0.5 * STEP_MM * (1 - np.cos(np.pi * np.clip(s, 0.0, 1.0)))
+    squares = ((left - left.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
+    best = np.unravel_index(squares.argmin(), squares.shape)
+    return _Outline(float(squares[best]), float(_HALF_WAVES_MM[best[0]]))

@@ -185,13 +185,26 @@ DISC = (np.hypot(GRID.place_mm[:, 0] - 0.3, GRID.place_mm[:, 1] - PLANE) < 1.3).
 XX, ZZ = (GRID.place_mm.T[k].reshape(13, 13) for k in (0, 1))
 
 
-@pytest.mark.parametrize("diameter", [3.0, 8.0, 19.0])
-def test_round_skin_is_classified_as_a_sphere_or_cylinder_of_its_diameter(diameter: float) -> None:
-    radius = diameter / 2
-    sphere = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2 + (ZZ - PLANE) ** 2))
-    cylinder = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2))
-    for name, height in (("sphere", sphere), ("cylinder", cylinder)):
-        found = classify_solid(lying_on(height), DISC)
-        assert found.name == name
-        assert found.size_mm == pytest.approx(diameter, rel=0.03)
-        assert set(found.cost) == set(SOLIDS)
+def outline(name: str, size_mm: float) -> Array:
+    """Heights of a skin on a sphere or cylinder of a diameter, a flank of half a wavelength, or a flat."""
+    radius, along = size_mm / 2, ZZ - PLANE if name == "sphere" else 0.0
+    if name in ("sphere", "cylinder"):
+        return np.asarray(-np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2 + along**2)))
+    return np.asarray(
+        0.25 * (1 - np.cos(np.pi * np.clip((XX + 0.5) / size_mm, 0.0, 1.0))) if name == "step" else 0 * XX
+    )
+
+
+OUTLINES = [
+    *((name, diameter, 0.03) for name in ("sphere", "cylinder") for diameter in (3.0, 8.0, 19.0)),
+    *(("step", half_wave, 0.1) for half_wave in (1.3, 2.5)),
+    ("bar", 2.27, 0.1),  # as wide as uniform pressure of the same spread: √3 of a disc's radius
+]
+
+
+@pytest.mark.parametrize(("name", "size_mm", "within"), OUTLINES)
+def test_skin_on_an_outline_is_classified_with_its_size(name: str, size_mm: float, within: float) -> None:
+    found = classify_solid(lying_on(outline(name, size_mm)), DISC)
+    assert found.name == name
+    assert found.size_mm == pytest.approx(size_mm, rel=within)
+    assert set(found.cost) == set(SOLIDS)
