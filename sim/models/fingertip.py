@@ -6,14 +6,14 @@ from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cache, cached_property, lru_cache, partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from sim.config import FingertipConfig, finger_config
-from sim.contact.first_contact import FirstTouch, first_touch
+from sim.contact.first_contact import first_touch
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.profiles import IndentorProfile
@@ -33,6 +33,15 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlace
 from sim.models.cache import keep_tops
 from sim.models.condensed import CondensedModel
 from sim.models.default_finger import is_default_finger
+from sim.models.friction import (
+    INCREMENT_MM,
+    FrictionResult,
+    PathOptions,
+    Rubbed,
+    checked_friction,
+    rubbing_finger,
+    with_all_axes,
+)
 from sim.models.interpolation import Interpolated
 from sim.models.pictures import ModelOutline, finger_as_html
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
@@ -42,10 +51,6 @@ from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
 from sim.models.strain_at_points import Anywhere, StrainAtAnyPoint
 from sim.tables import numbers_of
 from sim.units import GWT_N
-
-if TYPE_CHECKING:
-    from sim.contact.friction import FrictionState
-    from sim.models.friction import FrictionResult, Rubbed
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
@@ -355,7 +360,10 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
                 )
             place = x_mm, self.config.receptor_plane_mm if z_mm is None else z_mm
             rubbed = self._rubbed(shape, rubbing, target, increment_mm)
-            return self._pressed_with_friction(rubbed, place, touch, height, doi_mm, force_gwt, start)
+            began = time.thread_time()
+            with _threads().limit(limits=1, user_api="blas"):
+                pressed = rubbed.press(place, touch, height, doi_mm, force_gwt, start)
+            return replace(pressed, contact_s=time.thread_time() - began)
         patch = None
         while True:
             model = self.model_for(shape.axes, patch)
@@ -407,8 +415,6 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         ArgumentError
             If the friction is out of range.
         """
-        from sim.models.friction import checked_friction, rubbing_finger
-
         copied = copy(self)
         copied.friction = checked_friction(friction)
         plain = self.recipe.arguments[0] if self.recipe.make is rubbing_finger else self.recipe
@@ -423,7 +429,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         increment_mm: float | None = None,
         *,
         level: bool = False,
-    ) -> "list[FrictionResult]":
+    ) -> list[FrictionResult]:
         """Press at the first position, then slide the indentor from position to position at the same depth.
 
         Parameters
@@ -464,10 +470,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         with _threads().limit(limits=1, user_api="blas"):
             found = rubbed.drag(list(zip(places, touches, zeros_mm, strict=True)), doi_mm)
         seconds = (time.thread_time() - began) / len(found)
-        return [
-            self._with_friction_result(rubbed, place, doi_mm, zero_mm, *one, seconds)
-            for place, zero_mm, one in zip(places, zeros_mm, found, strict=True)
-        ]
+        return [replace(one, contact_s=seconds) for one in found]
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
         """Press on one point of the pulp's skin, along its inward normal.
@@ -558,10 +561,8 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
                 f"DOI {doi_mm:g} mm: must be more than 0 and at most {self.deepest_doi_mm:g} mm", "doi_outside"
             )
 
-    def _rubbed(self, shape: Indentor, friction: float, target: float, increment_mm: float | None) -> "Rubbed":
+    def _rubbed(self, shape: Indentor, friction: float, target: float, increment_mm: float | None) -> Rubbed:
         """Return a shape over the model with the displacement along every axis, which is built if there is none."""
-        from sim.models.friction import INCREMENT_MM, PathOptions, Rubbed, checked_friction, with_all_axes
-
         if not checked_friction(friction):
             raise ArgumentError("the finger has no friction; use with_friction", "no_friction")
         refuse_stiffening(self.config.tissue, "friction")
@@ -580,56 +581,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             refuse_unless_numbers(increment_mm=increment_mm)
         increment = INCREMENT_MM if increment_mm is None else positive(increment_mm)
         how = PathOptions(friction, self.config.contact.between_nodes, target, increment)
-        return Rubbed(finger, shape, how, plane_strain)
-
-    def _pressed_with_friction(
-        self,
-        rubbed: "Rubbed",
-        place: tuple[float, float],
-        touch: FirstTouch,
-        height_mm: float,
-        doi_mm: float | None,
-        force_gwt: float | None,
-        start: ContactState | None,
-    ) -> "FrictionResult":
-        from sim.models.friction import friction_start
-
-        before = friction_start(start, rubbed.how.friction)
-        force = None if force_gwt is None else force_gwt * GWT_N / self.e_epidermis_mpa
-        began = time.thread_time()
-        with _threads().limit(limits=1, user_api="blas"):
-            doi, state, model, larger_mm, increments = rubbed.press(place, touch, height_mm, doi_mm, force, before)
-        seconds = time.thread_time() - began
-        return self._with_friction_result(rubbed, place, doi, height_mm, state, model, larger_mm, increments, seconds)
-
-    def _with_friction_result(
-        self,
-        rubbed: "Rubbed",
-        place: tuple[float, float],
-        doi_mm: float,
-        height_mm: float,
-        state: "FrictionState",
-        model: CondensedModel,
-        patch: HalfWidths | None,
-        increments: int,
-        seconds: float,
-    ) -> "FrictionResult":
-        from sim.models.friction import FrictionResult
-
-        return FrictionResult(
-            indentor=rubbed.indentor,
-            x_mm=place[0],
-            z_mm=place[1],
-            doi_mm=doi_mm,
-            touch_height_mm=height_mm,
-            force_n=state.normal_force * self.e_epidermis_mpa,
-            state=state,
-            model=rubbed.finger._outlines[model.patch.axes[:-1], patch],
-            e_epidermis_mpa=self.e_epidermis_mpa,
-            contact_s=seconds,
-            _strain=partial(model.strain, state.force),
-            increments=increments,
-        )
+        return Rubbed(finger, self.e_epidermis_mpa, shape, how, plane_strain)
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Return the reference point along the indentor's axes. Raises ModelRangeError."""

@@ -7,8 +7,8 @@ condensed for the same mesh as without friction, when friction first asks for it
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +25,13 @@ from sim.errors import ArgumentError, ForceOutOfReachError, refuse_unless_number
 from sim.models.condensed import CondensedModel, meshed_for
 from sim.models.pressing import PlacedIndentor, RimError
 from sim.models.result import IndentationResult, PressJson
-from sim.models.sources import HalfWidths, Recipe, half_widths, larger
-from sim.units import PSEUDO_E_EPIDERMIS
+from sim.models.sources import Recipe, half_widths, larger
+from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
-Order = Literal["lifted", "ascending", "descending"]
-ORDERS: tuple[Order, ...] = get_args(Order)
 
 INCREMENT_MM = 0.05
 """Longest increment of a path with friction (mm)."""
@@ -219,6 +217,7 @@ class Rubbed:
     """
 
     finger: "Fingertip"
+    e_epidermis_mpa: float
     indentor: Indentor
     how: PathOptions
     plane_strain: bool
@@ -229,45 +228,67 @@ class Rubbed:
         touch: FirstTouch,
         zero_mm: float,
         doi_mm: float | None,
-        force: float | None,
-        start: FrictionState | None,
-    ) -> tuple[float, FrictionState, CondensedModel, HalfWidths | None, int]:
-        """Press at a position (x, z) to a depth, or to a force per unit E(epidermis).
+        force_gwt: float | None,
+        start: ContactState | None,
+    ) -> FrictionResult:
+        """Press at a position (x, z) to a depth, or to a force."""
+        if start is not None and not (isinstance(start, FrictionState) and start.friction == self.how.friction):
+            raise ArgumentError(f"start: must be a state with friction {self.how.friction:g}", "other_start")
 
-        Returns DOI, state, the model and its patch if that is larger than the mesh's own, and the number of
-        increments.
-        """
-        return self._on_large_enough(
-            lambda path, model: self._pressed(path, self._placed(place, touch, zero_mm, model), doi_mm, force, start)
-        )
+        def pressed(path: _Path, model: CondensedModel) -> list[tuple[float, FrictionState]]:
+            return [self._pressed(path, self._placed(place, touch, zero_mm, model), doi_mm, force_gwt, start)]
+
+        return self._on_large_enough(pressed, [(place, zero_mm)])[0]
 
     def drag(
         self, stops: Sequence[tuple[tuple[float, float], FirstTouch, float]], doi_mm: float
-    ) -> list[tuple[FrictionState, CondensedModel, HalfWidths | None, int]]:
+    ) -> list[FrictionResult]:
         """Press at the first stop, then slide from stop to stop at the same depth below the zero of each."""
 
-        def along(path: _Path, model: CondensedModel) -> tuple[float, list[FrictionState]]:
+        def along(path: _Path, model: CondensedModel) -> list[tuple[float, FrictionState]]:
             placed = [self._placed(place, touch, zero_mm, model) for place, touch, zero_mm in stops]
             state = path.onward(placed[0], placed[0].pose(doi_mm), path.begin(placed[0]))
-            found = [state]
+            found = [(doi_mm, state)]
             for one in placed[1:]:
                 state = path.onward(one, one.pose(doi_mm), replace(state, passes=0))
-                found.append(state)
-            return doi_mm, found
+                found.append((doi_mm, state))
+            return found
 
-        _, states, model, patch, increments = self._on_large_enough(along)
-        return [(state, model, patch, increments) for state in states]
+        return self._on_large_enough(along, [(place, zero_mm) for place, _, zero_mm in stops])
 
-    def _on_large_enough(self, solve: Callable[["_Path", CondensedModel], tuple[float, Any]]) -> Any:
+    def _on_large_enough(
+        self,
+        solve: Callable[["_Path", CondensedModel], list[tuple[float, FrictionState]]],
+        places: Sequence[tuple[tuple[float, float], float]],
+    ) -> list[FrictionResult]:
+        """Return the results of a solution at places with their zeros, on a patch that contact does not leave."""
         finger, axes, patch = self.finger, self._surface.axes, None
         while True:
             model = finger.model_for(axes, patch)
             path = _Path(model, self.indentor.axes, self.how)
             try:
-                return *solve(path, model), model, patch, path.increments
+                solved = solve(path, model)
+                break
             except RimError as error:
                 current = patch or half_widths(finger.config, axes)
                 patch = larger(finger.config, finger.surface, axes, current, error)
+        return [
+            FrictionResult(
+                indentor=self.indentor,
+                x_mm=x_mm,
+                z_mm=z_mm,
+                doi_mm=doi_mm,
+                touch_height_mm=zero_mm,
+                force_n=state.normal_force * self.e_epidermis_mpa,
+                state=state,
+                model=finger._outlines[axes, patch],
+                e_epidermis_mpa=self.e_epidermis_mpa,
+                contact_s=0.0,
+                _strain=partial(model.strain, state.force),
+                increments=path.increments,
+            )
+            for ((x_mm, z_mm), zero_mm), (doi_mm, state) in zip(places, solved, strict=True)
+        ]
 
     @cached_property
     def _surface(self) -> Indentor:
@@ -294,7 +315,7 @@ class Rubbed:
         path: _Path,
         placed: PlacedIndentor,
         doi_mm: float | None,
-        force: float | None,
+        force_gwt: float | None,
         start: FrictionState | None,
     ) -> tuple[float, FrictionState]:
         state = path.begin(placed) if start is None else start
@@ -302,8 +323,8 @@ class Rubbed:
             raise ArgumentError("start: must be a state of the same finger, with friction", "other_start")
         if doi_mm is not None:
             return doi_mm, path.onward(placed, placed.pose(doi_mm), state)
-        assert force is not None
-        return self._to_force(path, placed, force, state)
+        assert force_gwt is not None
+        return self._to_force(path, placed, force_gwt * GWT_N / self.e_epidermis_mpa, state)
 
     def _to_force(
         self, path: _Path, placed: PlacedIndentor, force: float, state: FrictionState
@@ -315,7 +336,7 @@ class Rubbed:
             high = min(low + path.how.increment_mm, deepest_mm)
             if high <= low:
                 raise ForceOutOfReachError(
-                    f"force {force * self.finger.e_epidermis_mpa:g} N: not reached at the largest DOI allowed, "
+                    f"force {force * self.e_epidermis_mpa:g} N: not reached at the largest DOI allowed, "
                     f"{deepest_mm:g} mm",
                 )
             state = path.onward(placed, placed.pose(high), before)
@@ -341,13 +362,6 @@ class Rubbed:
         return doi, replace(state, residual=max(state.residual, missed))
 
 
-def friction_start(start: ContactState | None, friction: float) -> FrictionState | None:
-    """Return the state to continue from; raise ArgumentError for one without this friction."""
-    if start is not None and not (isinstance(start, FrictionState) and start.friction == friction):
-        raise ArgumentError(f"start: must be a state with friction {friction:g}", "other_start")
-    return start
-
-
 def rubbing_finger(recipe: Recipe, friction: float) -> "Fingertip":
     """Return the finger of a recipe, pressed with friction."""
     finger: Fingertip = recipe.make(*recipe.arguments, **dict(recipe.options))
@@ -364,56 +378,3 @@ def with_all_axes(recipe: Recipe, slopes: tuple[int, ...]) -> "Fingertip":
         options["exact"] = True
     finger: Fingertip = recipe.make(*arguments, **options)
     return finger
-
-
-def press_profile(
-    finger: "Fingertip",
-    shape: Indentor | str,
-    x_mm: Sequence[float],
-    *,
-    doi_mm: float,
-    friction: float,
-    order: Order = "lifted",
-    increment_mm: float = INCREMENT_MM,
-) -> list[IndentationResult]:
-    """Press a shape at a row of positions with friction.
-
-    Parameters
-    ----------
-    finger : Fingertip
-        The finger.
-    shape : Indentor or str
-        The shape, for example ``"bar:3.0"``.
-    x_mm : sequence of float
-        Lateral positions (mm).
-    doi_mm : float
-        Depth of indentation (mm), from first touch at each position.
-    friction : float
-        Friction coefficient; without friction, order makes no difference.
-    order : {'lifted', 'ascending', 'descending'}, optional
-        The indentor is lifted between positions, so that each press starts from rest and their order makes no
-        difference, or it stays at its depth and slides from position to position.
-    increment_mm : float, optional
-        Longest increment of the path (mm).
-
-    Returns
-    -------
-    list of IndentationResult
-        One for each position, in the order of `x_mm`.
-
-    Raises
-    ------
-    ArgumentError
-        If the friction is out of range, or there is no such order.
-    ModelRangeError
-        If a position or the depth is out of range.
-    """
-    if order not in ORDERS:
-        raise ArgumentError(f"order {order!r}: must be lifted, ascending or descending", "bad_order")
-    positions = [float(x) for x in x_mm]
-    if order == "lifted" or not friction:
-        pressed = finger.with_friction(friction)
-        return [pressed.indent(shape, x, doi_mm=doi_mm, increment_mm=increment_mm) for x in positions]
-    sequence = np.argsort(positions, kind="stable")[:: 1 if order == "ascending" else -1].tolist()
-    found = finger.with_friction(friction).drag(shape, [positions[k] for k in sequence], doi_mm, increment_mm)
-    return [found[sequence.index(k)] for k in range(len(positions))]

@@ -16,7 +16,7 @@ from sim.contact.shapes import parse_shape
 from sim.errors import SimError
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.friction import FrictionResult, press_profile
+from sim.models.friction import FrictionResult
 
 SHAPES: dict[str, dict[str, float]] = {
     "cylinder:9": {"doi_mm": 0.4},
@@ -169,19 +169,13 @@ def test_a_dragged_indentor_shears_the_skin_by_the_friction_force(coarse_finger:
 
 
 def test_the_order_of_presses_with_friction_matters_only_without_lifting(coarse_finger: Fingertip) -> None:
-    where = [0.4, -0.2, 0.1]
-    lifted, back = (
-        press_profile(coarse_finger, "cylinder:9", x, doi_mm=0.3, friction=0.3) for x in (where, where[::-1])
-    )
-    assert [r.x_mm for r in lifted] == where
+    pressed, where = coarse_finger.with_friction(0.3), [-0.2, 0.1, 0.4]
+    lifted, back = ([pressed.indent("cylinder:9", x, doi_mm=0.3) for x in order] for order in (where, where[::-1]))
     assert [r.force_n for r in lifted] == [r.force_n for r in back[::-1]]
-    up, down = (
-        press_profile(coarse_finger, "cylinder:9", where, doi_mm=0.3, friction=0.3, order=order)
-        for order in ("ascending", "descending")
-    )
-    assert [r.x_mm for r in up] == [r.x_mm for r in down] == where
-    assert up[2].shear_force_n[0] > 0 > down[2].shear_force_n[0]  # type: ignore[attr-defined]
-    assert up[1].force_n == lifted[1].force_n  # where the row begins
+    up, down = (pressed.drag("cylinder:9", order, 0.3) for order in (where, where[::-1]))
+    assert [r.x_mm for r in up] == [r.x_mm for r in down[::-1]] == where
+    assert up[1].shear_force_n[0] > 0 > down[1].shear_force_n[0]
+    assert up[0].force_n == lifted[0].force_n  # where the row begins
 
 
 @pytest.mark.parametrize(
@@ -201,16 +195,13 @@ def test_an_impossible_friction_coefficient_is_refused(
     assert caught.value.code == code
 
 
-def test_a_start_state_of_another_friction_or_an_unknown_order_is_refused(coarse_finger: Fingertip) -> None:
+def test_a_start_state_of_another_friction_is_refused(coarse_finger: Fingertip) -> None:
     smooth = coarse_finger.indent("bar:3.0", doi_mm=0.3).state
     other = coarse_finger.indent("bar:3.0", doi_mm=0.3, friction=0.6).state
     for start in (smooth, other):
         with pytest.raises(SimError) as caught:
             coarse_finger.indent("bar:3.0", doi_mm=0.4, friction=0.3, start=start)
         assert caught.value.code == "other_start"
-    with pytest.raises(SimError) as caught:
-        press_profile(coarse_finger, "bar:3.0", [0.0], doi_mm=0.3, friction=0.3, order="sideways")  # type: ignore[arg-type]
-    assert caught.value.code == "bad_order"
 
 
 def test_the_friction_residual_detects_each_violation_of_coulombs_law() -> None:
