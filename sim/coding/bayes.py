@@ -130,10 +130,11 @@ def _starts(operator: ForwardOperator, readings: Readings, seed: int) -> list[Ar
     n = operator.parts.shape[2]
     as_root = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, len(shown)), shown)
     shapes = [np.ones(n), as_root, *np.random.default_rng(seed).uniform(0.1, 1.0, (_STARTS, n))]
-    return [shape * _size(operator, readings, shape) for shape in shapes]
+    return [shape * size_of(operator, readings, shape) for shape in shapes]
 
 
-def _size(operator: ForwardOperator, readings: Readings, shape: Array) -> float:
+def size_of(operator: ForwardOperator, readings: Readings, shape: Array) -> float:
+    """Return the factor by which pressures of a shape explain the readings best."""
     sed = operator.sed(shape)
     return float(np.sqrt(max(readings.sed @ sed, readings.sd * sed.max()) / (sed @ sed)))
 
@@ -205,11 +206,12 @@ def _evidence(operator: ForwardOperator, readings: Readings, penalty: Array, fit
         return -fit.cost
     among = np.ix_(free, free)
     data = _curvature(operator, readings, fit.pressure)[among]
-    return -fit.cost + 0.5 * (_log_det(penalty[among]) - _log_det(data + penalty[among]))
+    return -fit.cost + 0.5 * (log_det(penalty[among]) - log_det(data + penalty[among]))
 
 
-def _log_det(matrix: Array) -> float:
-    return 2 * float(np.log(np.diag(cholesky(matrix))).sum())
+def log_det(matrix: Array) -> float:
+    """Return the logarithm of a positive definite matrix's determinant; 0 for an empty one."""
+    return 2 * float(np.log(np.diag(cholesky(matrix))).sum()) if len(matrix) else 0.0
 
 
 Prior = Literal["contacts", "smooth"]
@@ -230,7 +232,6 @@ _MOST_ROUNDS = 8
 _AS_GOOD = 0.5  # likelihood power at which the table replaces the search; below it, the table's share is proportional
 _SETTLED = 0.02  # relative L2 change of the pressures
 _KEPT = 20  # models that start the next round
-_DEAF = 1e-6  # least weight of a silent reading / that of another
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,8 @@ class ModelError:
 
     def covariance(self, operator: ForwardOperator, sed: Array) -> Array:
         """Return the (m, m) covariance of SEDs."""
-        apart = np.subtract.outer(operator.receptor_mm, operator.receptor_mm) / self.length_mm
+        at = operator.receptor_mm.reshape(len(sed), -1)  # along the skin, or over x and z
+        apart = np.linalg.norm(at[:, None] - at, axis=-1) / self.length_mm
         return np.asarray(self.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2))
 
 
@@ -318,8 +320,7 @@ class _Within:
         """Return the likelihood linearized about pressures; a silent receptor's by Newton's step."""
         there = self.operator.leaning(pressure)
         sed, slope = there.sed(pressure), there.slope(pressure)
-        _, first, second = self.readings.cost(sed)
-        second = np.maximum(second, _DEAF / self.readings.sd**2)
+        first, second = self.readings.derivatives(sed)
         wrong = self.error.covariance(self.operator, sed) + self.operator.unsure(pressure)
         covariance = np.diag(1 / second) + loosened**2 * wrong
         return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
@@ -381,8 +382,7 @@ def _within_contacts(operator: ForwardOperator, readings: Readings, error: Model
 def _by_table(operator: ForwardOperator, readings: Readings, error: ModelError, begun: Array) -> Weighed:
     """Weight the table; a silent receptor counts, by Newton's step, as a reading with uncertain noise."""
     sed = operator.sed(begun)
-    _, first, second = readings.cost(sed)
-    second = np.maximum(second, _DEAF / readings.sd**2)
+    first, second = readings.derivatives(sed)
     variance = 1 / second + np.diag(error.covariance(operator, sed))
     return table_of(operator).weighed(sed - first / second, variance, float(np.linalg.norm(sed)))
 

@@ -146,6 +146,22 @@ class ForwardOperator:
         return 2 * np.einsum("cm,cmn->n", weight * (self.parts @ pressure), self.parts)
 
 
+class LeaningOperator(ForwardOperator):
+    """SED under normal pressures and the lateral ones that they imply; no longer exactly quadratic."""
+
+    def sed(self, pressure: Array) -> Array:
+        """Return (m,) SED under (n,) pressures."""
+        return self.leaning(pressure).sed(pressure)
+
+    def slope(self, pressure: Array) -> Array:
+        """Return (m, n) derivatives of the SED at fixed leans."""
+        return self.leaning(pressure).slope(pressure)
+
+    def pulled_back(self, pressure: Array, weight: Array) -> Array:
+        """Return the (n,) gradient of Σ weight · SED at fixed leans."""
+        return self.leaning(pressure).pulled_back(pressure, weight)
+
+
 def convolution(responses: ImpulseResponses, samples: int, energy: Energy) -> ForwardOperator:
     """Return the full linear convolution of equally spaced pressures: samples + length of h − 1 receptors."""
     full = np.stack([convolution_matrix(response, samples, mode="full") for response in responses.strain])

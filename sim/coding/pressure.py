@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.operators import ForwardOperator, influence
+from sim.coding.operators import ForwardOperator, LeaningOperator, influence
 from sim.coding.section import Energy, ReceptorSection, SampledSection
 from sim.contact.patch import X, Y
 from sim.errors import ModelRangeError
@@ -100,7 +100,7 @@ class SectionSkin:
 
 
 @dataclass(frozen=True)
-class Frictionless(ForwardOperator):
+class Frictionless(LeaningOperator):
     """SED under normal pressures and the lateral ones that they imply; no longer exactly quadratic."""
 
     lateral: Array  # (c, m, n) like `parts`, of pressures along the skin
@@ -121,18 +121,6 @@ class Frictionless(ForwardOperator):
         by_lean = 2 * np.einsum("cm,cmn->mn", linear, self.lateral) * pressure
         apart = np.subtract.outer(self.place_mm, self.place_mm) / _LEAN_LENGTH_MM
         return np.asarray(_LEAN_SD**2 * by_lean @ np.exp(-0.5 * apart**2) @ by_lean.T)
-
-    def sed(self, pressure: Array) -> Array:
-        """Return (m,) SED under (n,) pressures."""
-        return self.leaning(pressure).sed(pressure)
-
-    def slope(self, pressure: Array) -> Array:
-        """Return (m, n) derivatives of the SED at fixed leans."""
-        return self.leaning(pressure).slope(pressure)
-
-    def pulled_back(self, pressure: Array, weight: Array) -> Array:
-        """Return the (n,) gradient of Σ weight · SED at fixed leans."""
-        return self.leaning(pressure).pulled_back(pressure, weight)
 
 
 def frictionless(section: ReceptorSection, ends_mm: Array, energy: Energy) -> Frictionless:

@@ -21,6 +21,8 @@ QUIET_SD = 3.0
 FEWEST_AT_REST = 3
 """Fewest readings of an unloaded receptor for an estimate of its noise."""
 
+_DEAF = 1e-6  # least weight of a silent reading / that of another
+
 
 @dataclass(frozen=True)
 class Readings:
@@ -71,6 +73,11 @@ class Readings:
         first = np.where(self.silent, mills, z)
         second = np.where(self.silent, mills * (mills - z), 1.0)
         return cost, first / self.sd, second / self.sd**2
+
+    def derivatives(self, sed: Array) -> tuple[Array, Array]:
+        """Return the derivatives of `cost`; the second, the weight of a reading, is never 0."""
+        _, first, second = self.cost(sed)
+        return first, np.maximum(second, _DEAF / self.sd**2)
 
 
 def sd_at_rest(unloaded: Array) -> float:

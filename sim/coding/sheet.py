@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
-from sim.coding.bayes import ModelError, Profile
+from sim.coding.bayes import ModelError, Profile, chi2, log_det, size_of
 from sim.coding.decoder_results import checked_readings
-from sim.coding.operators import ForwardOperator
+from sim.coding.operators import ForwardOperator, LeaningOperator
 from sim.coding.pressure import Frictionless, SectionSkin
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import Energy, SkinLine, squared_parts
@@ -175,7 +175,7 @@ class SkinOver:
 
 
 @dataclass(frozen=True)
-class SheetOperator(ForwardOperator):
+class SheetOperator(LeaningOperator):
     """SED under normal pressures over x and z and the lateral ones that they imply."""
 
     lateral: Array  # (2, c, m, n) like `parts`, of pressures across and along
@@ -190,18 +190,6 @@ class SheetOperator(ForwardOperator):
         across, along = self.skin.lean(pressure)
         parts = self.parts + self.lateral[0] * across + self.lateral[1] * along
         return ForwardOperator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
-
-    def sed(self, pressure: Array) -> Array:
-        """Return (m,) SED under (n,) pressures."""
-        return self.leaning(pressure).sed(pressure)
-
-    def slope(self, pressure: Array) -> Array:
-        """Return (m, n) derivatives of the SED at fixed leans."""
-        return self.leaning(pressure).slope(pressure)
-
-    def pulled_back(self, pressure: Array, weight: Array) -> Array:
-        """Return the (n,) gradient of Σ weight · SED at fixed leans."""
-        return self.leaning(pressure).pulled_back(pressure, weight)
 
 
 def sheet_operator(skin_model: PressedSkin, grid: Grid, energy: Energy) -> SheetOperator:
@@ -328,7 +316,6 @@ _TYPICAL = 2.0  # mean of the exponential prior / best uniform pressure
 _MOST_ROUNDS = 12
 _SETTLED = 0.01  # relative L2 change of the pressures
 _HALVINGS = 5
-_DEAF = 1e-6  # least weight of a silent reading / that of another
 
 
 def decode_sheet(
@@ -336,7 +323,8 @@ def decode_sheet(
 ) -> Profile:
     """Decode (n_x, n_z) pressures, z varying fastest. Raises DecodingError for invalid readings."""
     checked_readings(operator, readings.sed, FEWEST_READINGS)
-    root, pressure = _differences(shape), _even(operator, readings)
+    root, even = _differences(shape), np.ones(operator.parts.shape[2])
+    pressure = even * size_of(operator, readings, even)
     rarity = 1 / (_TYPICAL * float(pressure[0]))
     search = _Search(operator, readings, ModelError() if error is None else error, rarity)
     slope, _, _ = search.seen_from(pressure)
@@ -347,8 +335,7 @@ def decode_sheet(
         pressure = fits[-1].pressure if fits[-1].pressure.any() else pressure
     best = max(fits, key=lambda fit: fit.evidence)
     covariance = cho_solve(cho_factor(best.curvature), np.eye(len(pressure)))
-    left = (operator.sed(best.pressure) - readings.sed) / readings.sd
-    misfit = float((left[~readings.silent] ** 2).sum())
+    misfit = chi2(operator, readings, best.pressure)
     return Profile(best.pressure, np.sqrt(np.diag(covariance)), best.smoothing, misfit, best.converged)
 
 
@@ -376,12 +363,8 @@ class _Search:
         """Return (m, n) white slopes, (m,) white residuals (Newton's if silent), and log of their spread."""
         there = self.operator.leaning(pressure)
         sed, slope = there.sed(pressure), there.slope(pressure)
-        _, first, second = self.readings.cost(sed)
-        second = np.maximum(second, _DEAF / self.readings.sd**2)
-        at = self.operator.receptor_mm
-        apart = np.linalg.norm(at[:, None] - at, axis=-1) / self.error.length_mm
-        wrong = self.error.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2)
-        lower = cholesky(np.diag(1 / second) + wrong, lower=True)
+        first, second = self.readings.derivatives(sed)
+        lower = cholesky(np.diag(1 / second) + self.error.covariance(self.operator, sed), lower=True)
         white = solve_triangular(lower, np.column_stack([slope, -first / second]), lower=True)
         return white[:, :-1], white[:, -1], float(np.log(np.diag(lower)).sum())
 
@@ -398,7 +381,7 @@ class _Search:
         penalty = root.T @ root
         curvature = slope.T @ slope + penalty
         free = np.ix_(pressure > 0, pressure > 0)
-        evidence = 0.5 * (_log_det(penalty[free]) - _log_det(curvature[free])) - self._cost(root, pressure)
+        evidence = 0.5 * (log_det(penalty[free]) - log_det(curvature[free])) - self._cost(root, pressure)
         return _Fit(pressure, smoothing, curvature, evidence, settled)
 
     def _step(self, root: Array, pressure: Array) -> Array:
@@ -425,14 +408,3 @@ def _differences(shape: tuple[int, int]) -> Array:
     (n_x, n_z), (along_x, along_z) = shape, (np.diff(np.eye(n), axis=0) for n in shape)
     level = np.sqrt(_LEVEL) * np.eye(n_x * n_z)
     return np.concatenate([np.kron(along_x, np.eye(n_z)), np.kron(np.eye(n_x), along_z), level])
-
-
-def _even(operator: ForwardOperator, readings: Readings) -> Array:
-    """Return a uniform pressure of the readings' size."""
-    even = np.ones(operator.parts.shape[2])
-    sed = operator.sed(even)
-    return even * float(np.sqrt(max(readings.sed @ sed, readings.sd * sed.max()) / (sed @ sed)))
-
-
-def _log_det(matrix: Array) -> float:
-    return 2 * float(np.log(np.diag(cholesky(matrix))).sum()) if len(matrix) else 0.0
