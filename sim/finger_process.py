@@ -135,11 +135,11 @@ def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
     keep_freed_memory()
     _MODELS.addHandler(_LogForwarder(far))
     _MODELS.setLevel(logging.DEBUG)
-    load = _Loaded(config)
+    finger = _load(config)
     with contextlib.suppress(EOFError, OSError):
         while True:
             function, arguments, options = far.recv()
-            _send(far, *_answer(load, function, arguments, options))
+            _send(far, *_answer(finger, function, arguments, options))
 
 
 def belong_to_parent() -> None:
@@ -158,29 +158,21 @@ def _ignore_terminal() -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
 
 
-class _Loaded:
-    """Finger, loaded once; a failure to load is the answer to every request."""
+def _load(config: FingertipConfig) -> "Fingertip | Exception":
+    """Load the finger; a failure to load it is the answer to every request."""
+    from sim.models.fingertip import Fingertip
 
-    def __init__(self, config: FingertipConfig) -> None:
-        from sim.models.fingertip import Fingertip
-
-        self._finger: Fingertip | None = None
-        self._problem: Exception | None = None
-        try:
-            self._finger = Fingertip.load(config)
-        except Exception as error:
-            self._problem = error
-
-    def finger(self) -> "Fingertip":
-        if self._finger is None:
-            assert self._problem is not None
-            raise self._problem
-        return self._finger
-
-
-def _answer(load: _Loaded, function: Callable[..., Any], arguments: Any, options: Any) -> tuple[str, Any]:
     try:
-        return "gave", function(load.finger(), *arguments, **options)
+        return Fingertip.load(config)
+    except Exception as error:
+        return error
+
+
+def _answer(finger: "Fingertip | Exception", function: Callable[..., Any], arguments: Any, options: Any) -> Any:
+    if isinstance(finger, Exception):
+        return "raised", finger
+    try:
+        return "gave", function(finger, *arguments, **options)
     except Exception as error:
         return "raised", error
 

@@ -108,16 +108,15 @@ def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[
 
 def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
     """Find the first touch of a surface with features finer than `_round`'s grid, by repeated refinement."""
-    centre = np.array(at_mm)[:, None]
-    ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
-    sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
-    points, spacing = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")]), _ROUND_GRID_MM
+    centre, spacing = np.array(at_mm)[:, None], _ROUND_GRID_MM
+    (low, high), points, skin_mm = _grid_of(skin)
     while True:
-        gaps = indentor.evaluate(points - centre).height_mm - skin.height(*points)
+        gaps = indentor.evaluate(points - centre).height_mm - skin_mm
         best = points[:, np.argsort(gaps, kind="stable")[:_BEST_POINTS]]
         if spacing < _FINEST_GRID_MM:
             return FirstTouch(-float(gaps.min()), (float(best[0, 0]), float(best[1, 0])))
         spacing /= _FINER
         around = np.stack(np.meshgrid(*[np.arange(-_FINER, _FINER + 1) * spacing] * 2)).reshape(2, 1, -1)
         points = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)
-        points = np.clip(points, ends[:, :1], ends[:, 1:])
+        points = np.clip(points, low, high)
+        skin_mm = skin.height(*points)

@@ -129,11 +129,10 @@ def _rows(shapes: Shape | Sequence[Shape], **places: ArrayLike | None) -> list[I
     """Return one request for each element of the broadcast arguments."""
     named = {name: numbers_of(name, np.nan if values is None else values) for name, values in places.items()}
     every = [array.ravel().tolist() for array in broadcast(shapes=np.array(shapes, dtype=object), **named)]
-    return [IndentationRequest(shape, x, *map(_none_if_nan, rest)) for shape, x, *rest in zip(*every, strict=True)]
-
-
-def _none_if_nan(value: float) -> float | None:
-    return None if np.isnan(value) else value
+    return [
+        IndentationRequest(shape, x, *(None if np.isnan(value) else value for value in rest))
+        for shape, x, *rest in zip(*every, strict=True)
+    ]
 
 
 def _by_position(requests: Sequence[IndentationRequest]) -> list[list[Numbered]]:

@@ -222,7 +222,7 @@ class Pressing:
         state = self._pressed_in(doi_mm) if in_steps else self._at(doi_mm, start, self.target)
         if state.residual <= self.target:
             return state
-        finer = self._pressed_in_finely(doi_mm)
+        finer = self._in_equal_steps(doi_mm, _PRESS_IN_FINE_MM, self.target)
         better = min((state, finer), key=lambda s: s.residual)
         if not better.converged:
             self.placed.refuse_rim(self.placed.pose(doi_mm), better)
@@ -270,9 +270,6 @@ class Pressing:
                 self._pressed[depth] = self._step(depth, start, None)
             start = self._pressed[depth]
         return self._step(doi_mm, start, target)
-
-    def _pressed_in_finely(self, doi_mm: float) -> ContactState:
-        return self._in_equal_steps(doi_mm, _PRESS_IN_FINE_MM, self.target)
 
     def _in_equal_steps(self, doi_mm: float, step_mm: float, on_the_way: float | None) -> ContactState:
         """Press from first touch, each intermediate depth solved to a target, or loosely."""

@@ -27,8 +27,6 @@ Array = NDArray[np.float64]
 REGION_GAP_MM = 0.3
 """Gap in mm above which contact regions are separate."""
 
-FILTER_SPACING_MM = 0.17
-
 
 class LoadingPathJson(Output):
     """Dependence of the result on the loading path."""
@@ -84,16 +82,6 @@ class PressJson(Output):
     receptors: ReceptorsJson
     solver: SolvedJson
     friction: NotRequired[FrictionJson]
-
-
-def median_of_four(x_mm: Array, pressure: Array) -> Array:
-    """Return pressure through the source's 4×1 filter: the mean of the middle two of each four values.
-
-    Values are resampled linearly to 170 µm first. For display and for comparing peaks with Raju (1998); stored
-    pressures are unfiltered.
-    """
-    even = np.interp(np.arange(x_mm[0], x_mm[-1], FILTER_SPACING_MM), x_mm, pressure)
-    return np.sort(np.lib.stride_tricks.sliding_window_view(even, 4), axis=1)[:, 1:3].mean(axis=1)
 
 
 def _opens_beyond(x_mm: Array, gap_mm: Array, last_mm: float) -> float:

@@ -129,18 +129,6 @@ def log_force(numbers: ForceFactor, stiffening: float | Array, press: Dimensionl
     return numbers.log(numbers.geometric(press), numbers.strained(press), stiffening)
 
 
-def log_energy(
-    numbers: Energy, stiffening: float | Array, press: DimensionlessPress, receptors: ReceptorPress
-) -> Array:
-    """Return (n,) the logarithm of energy / energy of linear tissue."""
-    law = 0.5 * np.log1p(stiffening * numbers.strained(press, receptors))
-    return np.asarray(np.log(_over_linear(numbers, press, receptors)) + law)
-
-
-def _over_linear(numbers: Energy, press: DimensionlessPress, receptors: ReceptorPress) -> Array:
-    return np.asarray(numbers.geometric(press, receptors) / np.maximum(receptors.linear, _NONE))
-
-
 def force_factor(stiffening: float, press: DimensionlessPress) -> float:
     """Return force / force of linear tissue at the same depth."""
     return float(np.exp(log_force(FORCE, stiffening, press)))
@@ -148,7 +136,7 @@ def force_factor(stiffening: float, press: DimensionlessPress) -> float:
 
 def strain_and_stress(stiffening: float, press: DimensionlessPress, receptors: ReceptorPress) -> tuple[Array, Array]:
     """Return (n,) strain and stress relative to linear tissue: the law acts on stress alone, the rest on both."""
-    strain = np.sqrt(_over_linear(ENERGY, press, receptors))
+    strain = np.sqrt(ENERGY.geometric(press, receptors) / np.maximum(receptors.linear, _NONE))
     return strain, strain * np.sqrt(1 + stiffening * ENERGY.strained(press, receptors))
 
 

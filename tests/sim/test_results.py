@@ -25,7 +25,7 @@ from sim.measures.receptors import ReceptorSet
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.pictures import ModelOutline
-from sim.models.result import IndentationResult, PointLoadResult, median_of_four
+from sim.models.result import IndentationResult, PointLoadResult
 
 Result = IndentationResult | PointLoadResult
 LARGEST_BYTES = 100_000
@@ -267,11 +267,3 @@ def test_contact_regions_end_between_nodes_under_a_smooth_shape() -> None:
     ((low, high),) = _opening({-1.0: 0.16**1.5, -0.5: 0.04**1.5, 0.75: 0.04**1.5, 1.5: 0.16**1.5})
     assert high == pytest.approx(0.75 - 0.75 * 0.04 / 0.12)
     assert low == pytest.approx(-0.5 + 0.5 * 0.04 / 0.12)
-
-
-def test_median_of_four_is_the_filter_of_the_source() -> None:
-    """Every 0.17 mm the mean of the middle two of four: a single high value goes, an edge is halved."""
-    x = 0.17 * np.arange(9)
-    assert median_of_four(x, np.array([0, 0, 0, 9.0, 0, 0, 0, 0, 0])) == pytest.approx(np.zeros(5))
-    assert median_of_four(x, np.array([0, 0, 0, 4.0, 4, 4, 4, 4, 4])) == pytest.approx([0, 2, 4, 4, 4])
-    assert median_of_four(x, np.array([9.0, 0, 6, 1, 3, 3, 3, 3, 3])) == pytest.approx([3.5, 2, 3, 3, 3])

@@ -30,7 +30,6 @@ from sim.models.stiffening import (
     Squeezed,
     Under,
     force_factor,
-    log_energy,
     log_force,
     overlap,
     roof,
@@ -91,8 +90,6 @@ def test_the_stiffening_energy_law_uses_each_parameter_as_documented() -> None:
     assert_allclose(numbers.geometric(PRESS, felt), expected)
     strain = 3.0 * 0.2025 * np.exp(0.5 * FORCE.strain_confined)
     assert_allclose(numbers.strained(PRESS, felt), [strain, 0.0], atol=1e-15)
-    stiffer = np.sqrt([1 + 0.6 * strain, 1.0])
-    assert_allclose(np.exp(log_energy(numbers, 0.6, PRESS, felt)), np.array(expected) / felt.linear * stiffer)
 
 
 def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
