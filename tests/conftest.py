@@ -166,9 +166,9 @@ STUDIES = (
     "sim/oracles/test_halfspace.py::test_point_load_strain_converges_with_element_size",
     "sim/oracles/test_layered_halfspace.py::test_the_sed_exponent_on_elements_converges_with_element_size",
     "sim/oracles/test_membrane.py::test_the_reference_of_cooks_membrane_has_converged",
-    # test_line_contact.py
-    "sim/oracles/test_round_contact.py::test_the_depth_of_a_round_flat_punch_converges_at_first_order",
-    "sim/oracles/test_round_contact.py::test_the_depth_error_is_of_first_order_in_the_box_size",
+    # its table of closed forms
+    "sim/oracles/test_contact.py::test_the_depth_of_a_round_flat_punch_converges_at_first_order",
+    "sim/oracles/test_contact.py::test_the_depth_error_is_of_first_order_in_the_box_size",
     # Means over draws; bands: sim/test_within_contacts.py.
     "sim/test_decoding.py::test_the_bayes_band_covers_two_pressures_as_often_as_stated",
     "sim/test_decoding.py::test_bayes_beats_the_univariate_search_in_loud_noise",
@@ -329,7 +329,7 @@ LONG = (
     "rig/real_time/test_jog_command.py",
     "sim/oracles/test_halfspace.py",
     "rig/test_grbl_conformance.py",
-    "sim/oracles/test_round_contact.py",
+    "sim/oracles/test_contact.py",
     "sim/test_any_point.py",
     "sim/test_press_ahead.py",
     "sim/test_moduli.py",

@@ -73,9 +73,12 @@ def _inside(mesh: FingerMesh, n: int) -> Array:
 
 @pytest.fixture(scope="module")
 def whole(small: Fingertip, results: list[IndentationResult]) -> list[tuple[Array, Array]]:
-    """Points, and strain at them by SuperLU on every unknown under the contact forces: nothing is condensed."""
+    """Points, and strain at them by SuperLU on every unknown under the contact forces: nothing is condensed.
+
+    Of one press on each mesh.
+    """
     found = []
-    for result in results:
+    for result in results[::2]:
         mesh = mesh_of(small.config, result)
         problem = discretise(small.config, mesh)
         load = np.zeros((len(mesh.nodes), 3))
@@ -95,7 +98,7 @@ ROUND_OFF = 1e-10
 def test_strain_by_columns_equals_the_whole_solve(
     small: Fingertip, results: list[IndentationResult], whole: list[tuple[Array, Array]]
 ) -> None:
-    for result, (points, strain) in zip(results, whole, strict=True):
+    for result, (points, strain) in zip(results[::2], whole, strict=True):
         found = small.fields(result, points)
         assert len(points) < strain_at_points.FEW_POINTS
         assert set(found.young_ratio.tolist()) == {1.0, 0.1}
@@ -110,7 +113,7 @@ def test_strain_by_one_solve_equals_the_whole_solve(
 ) -> None:
     monkeypatch.setattr(strain_at_points, "FEW_POINTS", 3)
     monkeypatch.setattr(factored_interior, "_POINTS_AT_ONCE", 7)
-    for result, (points, strain) in zip(results, whole, strict=True):
+    for result, (points, strain) in zip(results[::2], whole, strict=True):
         monkeypatch.setattr(Interior, "columns", None)
         found = small.fields(result, points)
         np.testing.assert_allclose(found.strain, strain, rtol=0, atol=ROUND_OFF * np.abs(strain).max())

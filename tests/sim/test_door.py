@@ -71,20 +71,6 @@ def test_a_type_checker_without_plugins_accepts_the_gallery_and_finds_misuse(tmp
 # --- arguments that only a Python caller can get wrong ---
 
 
-@pytest.mark.parametrize("name", ["x_mm", "z_mm", "doi_mm", "force_gwt"])
-@pytest.mark.parametrize("value", [np.array([0.2, 0.3]), "0.2"])
-def test_a_press_refuses_arrays_and_texts_for_its_numbers(halfspace: Fingertip, name: str, value: Any) -> None:
-    given = {"x_mm": 0.0, name: value} | ({} if name in ("doi_mm", "force_gwt") else {"doi_mm": 0.2})
-    for call in (lambda: halfspace.indent("bar:3.0", **given), lambda: choose("bar:3.0", **given)):
-        with raises(ArgumentError, "not_a_number", name=name, kind=type(value).__name__):
-            call()
-
-
-@pytest.mark.parametrize("value", [np.float32(0.2), np.int64(1)])
-def test_a_press_accepts_numpy_numbers(halfspace: Fingertip, value: Any) -> None:
-    assert halfspace.indent("sphere:4", doi_mm=value).force_gwt > 0
-
-
 ARRAY: Any = np.zeros((5, 5))
 PATH: Any = "finger.toml"
 TISSUE: Any = Tissue()

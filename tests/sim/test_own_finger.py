@@ -13,21 +13,9 @@ from sim.finger.surface import FingertipSurface, published_points
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
-COARSE = MeshSpec(
-    spacing_mm=0.4,
-    axial_spacing_mm=0.4,
-    patch_x_mm=2.0,
-    patch_z_mm=2.0,
-    epidermis_elements=1,
-    dermis_spacing_mm=0.4,
-    dermis_fine_depth_mm=0.8,
-    growth=1.5,
-    far_growth=2.0,
-    near_spacing_mm=1.0,
-    near_width_mm=0.5,
-    far_spacing_mm=2.0,
-)
+COARSE = coarse_mesh(0.4, 0.4, patch_x_mm=2.0, patch_z_mm=2.0, dermis_fine_depth_mm=0.8, near_spacing_mm=1.0)
 NARROW = COARSE.model_copy(update={"patch_x_mm": 1.5, "patch_z_mm": 1.5})
 """As wide as contact is at 0.15 mm."""
 SCENES = [("cylinder:3", -0.7), ("cylinder:3", 0.4), ("bar:1.5", -0.7), ("bar:1.5", 0.4)]

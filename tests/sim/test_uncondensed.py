@@ -1,20 +1,20 @@
 """Contact forces put back into the stiffness of all nodes: the condensed answer is the whole one."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
-from sim.fem.elements import symmetric
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import strain_operator
-from sim.models.condensed import discretise, factorise
+from sim.models.condensed import discretise
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from tests.sim.coarse_mesh import coarse_mesh
+from tests.sim.whole_solve import everywhere
 
 Array = NDArray[np.float64]
 
@@ -36,17 +36,8 @@ def whole(request: pytest.FixtureRequest, skin: FingertipSurface) -> Whole:
     """Nothing is condensed: one unknown only is kept, and K·u is formed by the whole symmetric matrix."""
     config = FingertipConfig() if request.param == "default" else FingertipConfig(mesh=coarse_mesh(0.4, 0.6))
     finger, mesh = Fingertip.load(config), build_mesh(config, skin)
-    problem = discretise(config, mesh)
     results = [finger.indent(shape, x, doi_mm=doi) for shape, x, doi in SCENES]
-    loads = np.zeros((len(results), *mesh.nodes.shape))
-    for load, result in zip(loads, results, strict=True):
-        load[mesh.patch_nodes, :2] = result.state.force.T
-    f = loads.reshape(len(results), -1)[:, problem.free]
-    u = factorise(replace(problem, kept=problem.kept[:1])).solve(f)
-    imbalance = np.linalg.norm(symmetric(problem.upper) @ u.T - f.T, axis=0) / np.linalg.norm(f, axis=1)
-    displacement = np.zeros((len(results), mesh.nodes.size))
-    displacement[:, problem.free] = u
-    return Whole(mesh, results, displacement.reshape(loads.shape), imbalance)
+    return Whole(mesh, results, *everywhere(discretise(config, mesh), results))
 
 
 def test_the_uncondensed_solution_is_in_equilibrium(whole: Whole) -> None:

@@ -169,7 +169,7 @@ def test_contact_models_are_weighted_by_evidence_and_probability_of_positive_pre
     assert both.mean.shape == (4, 7)
 
 
-# --- imagined pressures ---
+# --- simulated pressures ---
 
 PLACES = centred(39, 0.17)
 
@@ -178,9 +178,6 @@ def _said(operator: ForwardOperator, true: Array, snr_db: float, seed: int) -> R
     sed = operator.sed(true)
     sd = noise_sd(sed, snr_db)
     return Readings.of_sed(sed + sd * np.random.default_rng(seed).normal(size=len(sed)), sd)
-
-
-# --- imagined pressures ---
 
 
 def _contacts(pressure: Array) -> Array:
@@ -197,9 +194,6 @@ def test_simulated_pressures_have_one_to_three_contacts_and_are_never_negative()
     assert set(_contacts(drawn)) == {1, 2, 3}
     assert (imagined(50, 39) == imagined(50, 39)).all()
     assert (imagined(50, 39, seed=1) != imagined(50, 39)).any()
-
-
-# --- the table ---
 
 
 # --- beside a search ---

@@ -116,9 +116,9 @@ def test_a_numeric_argument_refuses_booleans_texts_and_quantities(
         call(halfspace, NO_NUMBER[what])
 
 
-@pytest.mark.parametrize("value", [np.float32(0.25), np.float64(0.25), 0.25])
+@pytest.mark.parametrize("value", [np.float32(0.25), np.float64(0.25), np.int64(1)])
 def test_a_numeric_argument_accepts_numpy_scalars(halfspace: Fingertip, value: Any) -> None:
-    expected = halfspace.indent("sphere:4", doi_mm=0.25).force_gwt
+    expected = halfspace.indent("sphere:4", doi_mm=float(value)).force_gwt
     assert halfspace.indent("sphere:4", doi_mm=value).force_gwt == pytest.approx(expected, rel=1e-5)
 
 
