@@ -1,19 +1,17 @@
 """User-defined profile, prismatic along z, from a CSV file or arrays."""
 
-import csv
 from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rig_shared.number_text import read_number
-from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.contact.sizes import wrong_size
 from sim.errors import SimError
-from sim.tables import is_number, numbers_of
+from sim.tables import TableError, numbers_of, read_columns
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly  # slow to import, and few shapes are measured
@@ -22,7 +20,6 @@ Array = NDArray[np.float64]
 
 COLUMNS = ("x_mm", "height_mm")
 LINEAR = ",linear"
-_SHOWN = 60
 _FILLET_MM = 0.02
 
 
@@ -213,34 +210,7 @@ def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> "PPoly":
 def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     """Read a profile from a CSV file with the columns x_mm and height_mm. Raises ProfileError."""
     try:
-        rows = list(csv.reader(lines_of(path, most=MOST_TABLE_BYTES)))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        what = getattr(error, "strerror", None) or error
-        raise ProfileError(f"profile {path}: {what}; must be a CSV file", "profile_unreadable") from None
-    if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
-        header = ",".join(rows[0])[:_SHOWN] if rows else ""
-        raise ProfileError(
-            f"profile {path}, line 1: must be {','.join(COLUMNS)}, separated by a comma, not {header!r}",
-            "profile_columns",
-        )
-    points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)
+        points = np.array(read_columns(Path(path), COLUMNS))
+    except TableError as error:
+        raise ProfileError(f"profile {error}", error.code) from None
     return MeasuredProfile._checked(path, points, linear)
-
-
-def _point(path: str, line: int, row: list[str]) -> list[float]:
-    if len(row) != len(COLUMNS):
-        raise ProfileError(
-            f"profile {path}, line {line}: {len(row)} numbers; must be {len(COLUMNS)}", "profile_row_length"
-        )
-    values = []
-    for name, cell in zip(COLUMNS, row, strict=True):
-        try:
-            value = read_number(cell)
-        except ValueError:
-            value = float("nan")
-        if not is_number(value):
-            raise ProfileError(
-                f"profile {path}, line {line}, column {name}: {cell.strip()!r} must be a number", "profile_number"
-            )
-        values.append(value)
-    return values

@@ -208,12 +208,12 @@ def test_beyond_its_ends_a_measured_profile_is_a_steep_wall(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("lines", "code", "fields"),
     [
-        (("x_mm,height_mm", "0,0", "1,high"), "profile_number", {"line": 3, "column": "height_mm", "cell": "high"}),
-        (("x_mm,height_mm", "0,0", "1"), "profile_row_length", {"line": 3, "expected": 2, "numbers": 1}),
+        (("x_mm,height_mm", "0,0", "1,high"), "not_a_number", {"line": 3, "column": "height_mm", "cell": "high"}),
+        (("x_mm,height_mm", "0,0", "1"), "row_length", {"line": 3, "cells": 1, "expected": 2}),
         (("x_mm,height_mm", "0,0", "1,1", "0.5,2"), "x_not_rising", {"x_mm": 1.0}),
         (("x_mm,height_mm", "0,0"), "too_few_points", {"points": 1}),
-        (("x,h", "0,0", "1,1"), "profile_columns", {"line": 1, "columns": "x_mm,height_mm"}),
-        ((), "profile_unreadable", {"problem": os.strerror(errno.ENOENT)}),
+        (("x,h", "0,0", "1,1"), "column_count", {"line": 1, "columns": "x_mm,height_mm"}),
+        ((), "unreadable", {"problem": os.strerror(errno.ENOENT)}),
     ],
 )
 def test_a_malformed_profile_file_is_refused_with_its_line(
