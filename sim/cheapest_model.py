@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import Any, Literal, NamedTuple, NotRequired
+from typing import Any, Literal, NamedTuple, NotRequired, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,17 +83,6 @@ def _family(axes: tuple[int, ...], *, sharp: bool) -> str:
 
 
 FAMILIES = tuple(_family(axes, sharp=sharp) for axes in _AXES for sharp in (False, True))
-
-
-_EXPECTED: tuple[Literal["force", "width", "sed", "ep1"], ...] = ("force", "width", "sed", "ep1")
-
-
-def _expected(errors: Mapping[str, float]) -> ExpectedErrorsJson:
-    found: ExpectedErrorsJson = {}
-    for name in _EXPECTED:
-        if name in errors:
-            found[name] = errors[name]
-    return found
 
 
 @dataclass(frozen=True)
@@ -473,7 +462,7 @@ class Choice:
             "outputs": ["force", "contact", "receptors"] if self.aim.receptors else ["force", "contact"],
             "mesh": self.mesh.model_dump(mode="json", exclude_defaults=True),
             "patch_mm": (x, z),
-            "expected_error": _expected(self.errors),
+            "expected_error": cast(ExpectedErrorsJson, dict(self.errors)),
             "expected_cost": {
                 "from_nothing_s": self.seconds,
                 "press_s": self.cost.press_s,

@@ -12,7 +12,7 @@ from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface, published_points
-from sim.measures.measures import Elastic, stress_from_strain
+from sim.measures.measures import Elastic, strain_energy_density, stress_from_strain
 from sim.models.adjoint import Progress
 from sim.models.condensed import point_force
 from sim.models.factored_interior import Interior, Recovery
@@ -130,8 +130,9 @@ def _all_along(config: FingertipConfig) -> HalfWidths:
 
 def energy_density(strain: Array, young_ratio: Array, poisson: float) -> Array:
     """Return (…, n) SED in pseudo-units of (…, n, 6) strains where E / E(epidermis) is (n,)."""
-    stress = stress_from_strain(strain, Elastic(PSEUDO_E_EPIDERMIS, poisson))
-    return np.asarray(0.5 * young_ratio * (stress * strain).sum(axis=-1))
+    return young_ratio * strain_energy_density(
+        stress_from_strain(strain, Elastic(PSEUDO_E_EPIDERMIS, poisson)), strain
+    )
 
 
 # --- sites ---

@@ -44,9 +44,9 @@ from sim.models.friction import (
 )
 from sim.models.interpolation import Interpolated
 from sim.models.pictures import ModelOutline, finger_as_html
-from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
+from sim.models.pressing import PlacedIndentor, Pressing, refuse_beside_the_finger, refuse_meaningless
 from sim.models.result import IndentationResult, PointLoadResult
-from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, half_widths, larger
+from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, on_large_enough
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
 from sim.models.strain_at_points import Anywhere, StrainAtAnyPoint
 from sim.tables import numbers_of
@@ -364,20 +364,17 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             with _threads().limit(limits=1, user_api="blas"):
                 pressed = rubbed.press(place, touch, height, doi_mm, force_gwt, start)
             return replace(pressed, contact_s=time.thread_time() - began)
-        patch = None
-        while True:
-            model = self.model_for(shape.axes, patch)
+
+        def solved(model: CondensedModel) -> tuple[Pressing, float, ContactState, list[ContactState], float]:
             pressing = self._pressing(PlacedIndentor(shape, at_mm, height, touch, model), target)
             began = time.thread_time()
-            try:
-                pressing.placed.refuse_touch_outside()
-                with _threads().limit(limits=1, user_api="blas"):
-                    doi, state = self._solve(pressing, doi_mm, force_gwt, start)
-                    others = pressing.by_other_paths(doi) if other_paths and state.snapped else []
-                break
-            except RimError as error:
-                current = patch or half_widths(self.config, shape.axes)
-                patch = larger(self.config, self.surface, shape.axes, current, error)
+            pressing.placed.refuse_touch_outside()
+            with _threads().limit(limits=1, user_api="blas"):
+                doi, state = self._solve(pressing, doi_mm, force_gwt, start)
+                others = pressing.by_other_paths(doi) if other_paths and state.snapped else []
+            return pressing, doi, state, others, time.thread_time() - began
+
+        (pressing, doi, state, others, seconds), patch = on_large_enough(self, shape.axes, solved)
         strained, outline = pressing.strained(doi), self._outlines[shape.axes, patch]
         if self._held_mm is not None:
             outline = replace(outline, patch=pressing.lying(doi).placed.model.patch.nodes)
@@ -391,8 +388,8 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             state=state,
             model=outline,
             e_epidermis_mpa=self.e_epidermis_mpa,
-            contact_s=time.thread_time() - began,
-            _strain=partial(model.strain, state.force),
+            contact_s=seconds,
+            _strain=partial(pressing.placed.model.strain, state.force),
             other_forces_n=tuple(other.normal_force * strained.force * self.e_epidermis_mpa for other in others),
             strained=strained,
         )
@@ -568,6 +565,9 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         refuse_stiffening(self.config.tissue, "friction")
         if self._held_mm is not None:
             raise ArgumentError("friction and relaxation cannot be combined; remove one", "friction_with_relaxation")
+        increment = INCREMENT_MM if increment_mm is None else increment_mm
+        refuse_unless_numbers(increment_mm=increment)
+        how = PathOptions(friction, self.config.contact.between_nodes, target, positive(increment))
         plane_strain = next(iter(self._outlines.values())).kind == "section"
         if plane_strain:
             finger = self
@@ -577,10 +577,6 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             finger = self._with_all_axes[shape.axes] = with_all_axes(self.recipe, shape.axes)
             self.build_s += finger.build_s
             self.from_cache = self.from_cache and finger.from_cache
-        if increment_mm is not None:
-            refuse_unless_numbers(increment_mm=increment_mm)
-        increment = INCREMENT_MM if increment_mm is None else positive(increment_mm)
-        how = PathOptions(friction, self.config.contact.between_nodes, target, increment)
         return Rubbed(finger, self.e_epidermis_mpa, shape, how, plane_strain)
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:

@@ -23,9 +23,9 @@ from sim.contact.points import ContactPose
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.errors import ArgumentError, ForceOutOfReachError, refuse_unless_numbers
 from sim.models.condensed import CondensedModel, meshed_for
-from sim.models.pressing import PlacedIndentor, RimError
+from sim.models.pressing import PlacedIndentor
 from sim.models.result import IndentationResult, PressJson
-from sim.models.sources import Recipe, half_widths, larger
+from sim.models.sources import Recipe, on_large_enough
 from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
 
 if TYPE_CHECKING:
@@ -235,18 +235,18 @@ class Rubbed:
         if start is not None and not (isinstance(start, FrictionState) and start.friction == self.how.friction):
             raise ArgumentError(f"start: must be a state with friction {self.how.friction:g}", "other_start")
 
-        def pressed(path: _Path, model: CondensedModel) -> list[tuple[float, FrictionState]]:
-            return [self._pressed(path, self._placed(place, touch, zero_mm, model), doi_mm, force_gwt, start)]
+        def pressed(path: _Path) -> list[tuple[float, FrictionState]]:
+            return [self._pressed(path, self._placed(place, touch, zero_mm, path.model), doi_mm, force_gwt, start)]
 
-        return self._on_large_enough(pressed, [(place, zero_mm)])[0]
+        return self._results(pressed, [(place, zero_mm)])[0]
 
     def drag(
         self, stops: Sequence[tuple[tuple[float, float], FirstTouch, float]], doi_mm: float
     ) -> list[FrictionResult]:
         """Press at the first stop, then slide from stop to stop at the same depth below the zero of each."""
 
-        def along(path: _Path, model: CondensedModel) -> list[tuple[float, FrictionState]]:
-            placed = [self._placed(place, touch, zero_mm, model) for place, touch, zero_mm in stops]
+        def along(path: _Path) -> list[tuple[float, FrictionState]]:
+            placed = [self._placed(place, touch, zero_mm, path.model) for place, touch, zero_mm in stops]
             state = path.onward(placed[0], placed[0].pose(doi_mm), path.begin(placed[0]))
             found = [(doi_mm, state)]
             for one in placed[1:]:
@@ -254,24 +254,21 @@ class Rubbed:
                 found.append((doi_mm, state))
             return found
 
-        return self._on_large_enough(along, [(place, zero_mm) for place, _, zero_mm in stops])
+        return self._results(along, [(place, zero_mm) for place, _, zero_mm in stops])
 
-    def _on_large_enough(
+    def _results(
         self,
-        solve: Callable[["_Path", CondensedModel], list[tuple[float, FrictionState]]],
+        solve: Callable[["_Path"], list[tuple[float, FrictionState]]],
         places: Sequence[tuple[tuple[float, float], float]],
     ) -> list[FrictionResult]:
         """Return the results of a solution at places with their zeros, on a patch that contact does not leave."""
-        finger, axes, patch = self.finger, self._surface.axes, None
-        while True:
-            model = finger.model_for(axes, patch)
+        axes = self._surface.axes
+
+        def solved(model: CondensedModel) -> tuple[_Path, list[tuple[float, FrictionState]]]:
             path = _Path(model, self.indentor.axes, self.how)
-            try:
-                solved = solve(path, model)
-                break
-            except RimError as error:
-                current = patch or half_widths(finger.config, axes)
-                patch = larger(finger.config, finger.surface, axes, current, error)
+            return path, solve(path)
+
+        (path, found), patch = on_large_enough(self.finger, axes, solved)
         return [
             FrictionResult(
                 indentor=self.indentor,
@@ -281,13 +278,13 @@ class Rubbed:
                 touch_height_mm=zero_mm,
                 force_n=state.normal_force * self.e_epidermis_mpa,
                 state=state,
-                model=finger._outlines[axes, patch],
+                model=self.finger._outlines[axes, patch],
                 e_epidermis_mpa=self.e_epidermis_mpa,
                 contact_s=0.0,
-                _strain=partial(model.strain, state.force),
+                _strain=partial(path.model.strain, state.force),
                 increments=path.increments,
             )
-            for ((x_mm, z_mm), zero_mm), (doi_mm, state) in zip(places, solved, strict=True)
+            for ((x_mm, z_mm), zero_mm), (doi_mm, state) in zip(places, found, strict=True)
         ]
 
     @cached_property

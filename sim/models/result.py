@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 REGION_GAP_MM = 0.3
 """Gap in mm above which contact regions are separate."""
 
+FILTER_SPACING_MM = 0.17
+"""Spacing at which the source's 4 × 1 filter takes pressures."""
+
 
 class LoadingPathJson(Output):
     """Dependence of the result on the loading path."""

@@ -5,7 +5,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,11 @@ from sim.models.condensed import STORED, Columns, CondensedModel, from_arrays, m
 from sim.models.factored_interior import Interior
 from sim.models.finger_3d import build_finger
 from sim.models.pressing import RimError
+
+if TYPE_CHECKING:
+    from sim.models.fingertip import Fingertip
+
+Solved = TypeVar("Solved")
 
 # --- patches ---
 
@@ -48,6 +53,20 @@ def widened(config: FingertipConfig, patch: HalfWidths | None) -> FingertipConfi
         return config
     sizes = {"patch_x_mm": patch[0], "patch_z_mm": patch[1], "round_patch_mm": 0.0}
     return config.model_copy(update={"mesh": config.mesh.model_copy(update=sizes)})
+
+
+def on_large_enough(
+    finger: "Fingertip", slopes: tuple[int, ...], solve: Callable[[CondensedModel], Solved]
+) -> tuple[Solved, HalfWidths | None]:
+    """Return the solution on the first patch that contact does not leave; the patch, or None for the mesh's own."""
+    patch = None
+    while True:
+        model = finger.model_for(slopes, patch)
+        try:
+            return solve(model), patch
+        except RimError as error:
+            current = patch or half_widths(finger.config, slopes)
+            patch = larger(finger.config, finger.surface, slopes, current, error)
 
 
 def larger(
