@@ -281,11 +281,9 @@ class RelaxingPlant(Plant):
         self._sampled = SampledForce(scheduler, self._moved, period_s)
 
     def mount(self, indentor: str) -> None:
-        """Mount an indentor on the carriage. Raises ShapeError."""
         self._press = self._relaxing = RelaxingPress(self._finger, indentor, self._terms, self._truth)
 
     def force_n(self, t_s: float) -> float:
-        """Return the downward force on the finger at the last sample in N. Raises ModelRangeError."""
         return self._sampled.force_n(t_s)
 
     def _moved(self, t_s: float, step_s: float) -> float:

@@ -150,7 +150,6 @@ class LeaningOperator(ForwardOperator):
     """SED under normal pressures and the lateral ones that they imply; no longer exactly quadratic."""
 
     def sed(self, pressure: Array) -> Array:
-        """Return (m,) SED under (n,) pressures."""
         return self.leaning(pressure).sed(pressure)
 
     def slope(self, pressure: Array) -> Array:

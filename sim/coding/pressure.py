@@ -107,11 +107,9 @@ class Frictionless(LeaningOperator):
     skin: SectionSkin
 
     def per_receptor(self, change: Callable[[Array], Array]) -> ForwardOperator:
-        """Return the operator with its receptors, the second axis of (c, m, n), changed."""
         return replace(self, parts=change(self.parts), lateral=change(self.lateral))
 
     def leaning(self, pressure: Array) -> ForwardOperator:
-        """Return the quadratic operator with leans fixed as under these pressures."""
         parts = self.parts + self.lateral * self.skin.lean(pressure)
         return ForwardOperator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
 

@@ -182,11 +182,9 @@ class SheetOperator(LeaningOperator):
     skin: SkinOver
 
     def per_receptor(self, change: Callable[[Array], Array]) -> ForwardOperator:
-        """Return the operator with its receptors, the second axis of (c, m, n), changed."""
         return replace(self, parts=change(self.parts), lateral=np.stack([change(one) for one in self.lateral]))
 
     def leaning(self, pressure: Array) -> ForwardOperator:
-        """Return the quadratic operator with leans fixed as under these pressures."""
         across, along = self.skin.lean(pressure)
         parts = self.parts + self.lateral[0] * across + self.lateral[1] * along
         return ForwardOperator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)

@@ -61,7 +61,6 @@ class FrictionState(ContactState):
 
     @property
     def normal_force(self) -> float:
-        """Downward force on the skin per unit E(epidermis)."""
         return float(-self.force[-1].sum())
 
     @property

@@ -1,6 +1,7 @@
 """An indentor as a table of heights over x and z: embossed dots, letters, anything without overhangs."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -241,17 +242,7 @@ class HeightMap(Indentor):
         Surface
             Height, slope and curvature.
         """
-        at = self._turn @ offset_mm
-        clipped, beyond, outside = self._clipped(at)
-        surface = self._within(clipped)
-        distance = np.hypot(*beyond)
-        inside = ~outside
-        wall = STEEPEST_SLOPE * beyond / np.where(distance > 0, distance, 1.0)
-        return self._seen(
-            surface.height_mm + STEEPEST_SLOPE * distance,
-            surface.slope * inside + wall,
-            surface.curvature * (inside[:, None] & inside[None]),
-        )
+        return self._walled(offset_mm, lambda beyond_mm, _: (STEEPEST_SLOPE * beyond_mm, STEEPEST_SLOPE))
 
     def tangent(self, offset_mm: Array, y_mm: Array) -> Surface:
         """Return the surface; beyond the rim, the closest plane through the nearest point of the rim.
@@ -268,18 +259,25 @@ class HeightMap(Indentor):
         Surface
             Height, slope and curvature.
         """
+
+        def plane(beyond_mm: Array, rim_mm: Array) -> tuple[Array, Array]:
+            height, steepness, _ = arc_tangent(beyond_mm, y_mm - rim_mm, 0.0, np.ones_like(beyond_mm))
+            outside = beyond_mm > 0
+            return np.where(outside, height, 0.0), np.where(outside, steepness, 0.0)
+
+        return self._walled(offset_mm, plane)
+
+    def _walled(self, offset_mm: Array, wall: Callable[[Array, Array], tuple[Array, Array | float]]) -> Surface:
+        """Return the surface with a wall beyond its rim, whose rise and slope follow from distance and rim height."""
         at = self._turn @ offset_mm
-        clipped, beyond, outside = self._clipped(at)
-        surface = self._within(clipped)
+        clipped = self._clipped(at)
+        surface, beyond, inside = self._within(clipped), at - clipped, at == clipped
         distance = np.hypot(*beyond)
-        height, steepness, _ = arc_tangent(distance, y_mm - surface.height_mm, 0.0, np.ones_like(distance))
-        inside = ~outside
-        return self._seen(
-            surface.height_mm + np.where(distance > 0, height, 0.0),
-            surface.slope * inside
-            + np.where(distance > 0, steepness, 0.0) * beyond / np.where(distance > 0, distance, 1.0),
-            surface.curvature * (inside[:, None] & inside[None]),
-        )
+        rise, steepness = wall(distance, surface.height_mm)
+        back = self._turn.T
+        slope = surface.slope * inside + steepness * beyond / np.where(distance > 0, distance, 1.0)
+        curvature = surface.curvature * (inside[:, None] & inside[None])
+        return Surface(surface.height_mm + rise, back @ slope, np.einsum("ia,abk,jb->ijk", back, curvature, back))
 
     @property
     def _turn(self) -> Array:
@@ -287,16 +285,10 @@ class HeightMap(Indentor):
         c, s = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
         return np.array([[c, s], [-s, c]])
 
-    def _seen(self, height: Array, slope: Array, curvature: Array) -> Surface:
-        """Rotate slope and curvature from the map's x and z to the finger's."""
-        back = self._turn.T
-        return Surface(height, back @ slope, np.einsum("ia,abk,jb->ijk", back, curvature, back))
-
-    def _clipped(self, at: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return (2, k) the nearest positions on the map, the distances beyond, and the axes that lie outside."""
+    def _clipped(self, at: Array) -> Array:
+        """Return (2, k) the nearest positions on the map."""
         ends = np.array([[self.x_mm[0], self.x_mm[-1]], [self.z_mm[0], self.z_mm[-1]]])
-        clipped = np.clip(at, ends[:, :1], ends[:, 1:])
-        return clipped, at - clipped, at != clipped
+        return np.clip(at, ends[:, :1], ends[:, 1:])
 
     def _within(self, at: Array) -> Surface:
         """Return height above the lowest point, slope and curvature of the spline at (2, k) positions on the map."""
@@ -342,7 +334,7 @@ class HeightMap(Indentor):
                 return float(heights.min())
             steps = steps / _PARTS
             centre = points[:, [int(np.argmin(heights))]]
-            points = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))[0]
+            points = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))
 
     def _in_cells(self) -> Array:
         """Return (2, k) positions, several in each cell; of a large map only its points."""

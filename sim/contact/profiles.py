@@ -64,16 +64,13 @@ class Bar:
 
     @property
     def name(self) -> str:
-        """Name of the shape on the command line."""
         return f"bar:{self.width_mm:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of the convex parts (mm)."""
         return self.edge_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Return height, slope and curvature."""
         r = self.edge_radius_mm
         return arc(np.abs(s_mm) - (0.5 * self.width_mm - r), r, np.sign(s_mm))
 
@@ -91,12 +88,10 @@ class Cylinder:
 
     @property
     def name(self) -> str:
-        """Name of the shape on the command line."""
         return f"cylinder:{self.diameter_mm:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of the convex parts (mm)."""
         return 0.5 * self.diameter_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -116,12 +111,10 @@ class SinusoidalStep(IndentorProfile):
 
     @property
     def name(self) -> str:
-        """Name of the shape on the command line."""
         return f"step:{self.number}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of the convex parts (mm)."""
         return (STEP_HALF_WAVELENGTH_MM[self.number] / np.pi) ** 2 / (0.5 * STEP_HEIGHT_MM)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -140,12 +133,10 @@ class Wedge(IndentorProfile):
 
     @property
     def name(self) -> str:
-        """Name of the shape on the command line."""
         return f"wedge:{self.half_angle_deg:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of the convex parts (mm)."""
         return self.tip_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -164,12 +155,10 @@ class Grating:
 
     @property
     def name(self) -> str:
-        """Name of the shape on the command line."""
         return f"grating:{self.ridge_mm:g},{self.pitch_mm:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of the convex parts (mm)."""
         return self.edge_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -196,7 +185,6 @@ class Plane(IndentorProfile):
 
     @property
     def name(self) -> str:
-        """Name of the shape on the command line."""
         return "flat"
 
     @property

@@ -45,11 +45,9 @@ class PC:
     field_mm: float = 0.0
 
     def measure(self, measures: dict[str, Array]) -> Array:
-        """Return m at receptors from the 18 measures."""
         return np.sqrt(np.maximum(measures["sed"], 0.0) / self.reference_sed)
 
     def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
-        """Return the current of each afferent, shape (n_afferents, n_samples)."""
         rate = derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 2, memory)
         x = np.asarray(sensitivity)[:, None] * strongest(rate)
         drive = adapted(np.maximum(0.0, x), self.slow_share, self.slow_tau_s, signal.step_s, memory)

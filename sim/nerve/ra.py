@@ -51,11 +51,9 @@ class RA:
     field_mm: float = 4.0
 
     def measure(self, measures: dict[str, Array]) -> Array:
-        """Return m at receptors from the 18 measures."""
         return np.sqrt(np.maximum(measures["sed"], 0.0) / self.reference_sed)
 
     def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
-        """Return the current of each afferent, shape (n_afferents, n_samples)."""
         rate = derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 1, memory)
         x = strongest(np.where(rate > 0, rate, -self.falling * rate))
         x = np.asarray(sensitivity)[:, None] * x

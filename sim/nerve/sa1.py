@@ -51,11 +51,9 @@ class SA1:
     field_mm: float = 0.0
 
     def measure(self, measures: dict[str, Array]) -> Array:
-        """Return m at receptors from the 18 measures."""
         return np.maximum(measures["sed"], 0.0) / self.reference_sed
 
     def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
-        """Return the current of each afferent, shape (n_afferents, n_samples)."""
         terms = zip(self.weights, self.tau_s, strict=True)
         total = sum(k * fading(signal.value, tau_s, signal.step_s, memory) for k, tau_s in terms)
         drive = np.maximum(0.0, np.asarray(sensitivity)[:, None] * strongest(np.asarray(total)) - self.threshold)
