@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coding.section import skin_frames
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
 from sim.errors import ModelRangeError
@@ -77,10 +78,7 @@ class LoadedFinger:
     def frames(self, skin_mm: Array) -> Array:
         """Return (…, 3, 3) unit vectors at points on the skin: across the finger, outward, along it."""
         x, _, z = np.moveaxis(skin_mm, -1, 0)
-        across = -self.surface.tangents(self.surface.angle_at(x, z), z)[0]  # φ falls with x
-        across /= np.linalg.norm(across, axis=-1, keepdims=True)
-        outward = self.normals(skin_mm)
-        return np.stack([across, outward, np.cross(across, outward)], axis=-2)
+        return np.stack(skin_frames(self.surface, x, z), axis=-2)
 
     def foot_mm(self, load: PointLoad) -> Array:
         """Return the (3,) point of a load. Raises ModelRangeError beside the pulp."""

@@ -118,6 +118,15 @@ class SkinLine:
         )
 
 
+def skin_frames(surface: FingertipSurface, x_mm: Array, z_mm: Array) -> tuple[Array, Array, Array]:
+    """Return (…, 3) unit vectors at points of the pulp's skin: across the finger, outward, along it."""
+    phi = surface.angle_at(x_mm, z_mm)
+    across = -surface.tangents(phi, z_mm)[0]  # φ falls with x
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    outward = surface.normal(phi, z_mm)
+    return across, outward, np.cross(across, outward)
+
+
 SPACING_MM = 0.17
 """Sample spacing in mm (Raju 1998, §6.5)."""
 

@@ -18,7 +18,7 @@ from sim.coding.decoder_results import checked_readings
 from sim.coding.operators import ForwardOperator, LeaningOperator
 from sim.coding.pressure import Frictionless, SectionSkin
 from sim.coding.receptor_readings import Readings
-from sim.coding.section import Energy, SkinLine, squared_parts
+from sim.coding.section import Energy, SkinLine, skin_frames, squared_parts
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
 from sim.errors import ModelRangeError
@@ -48,12 +48,8 @@ class PressedSkin:
 
     def frames(self, x_mm: Array, z_mm: Array) -> tuple[Array, Array, Array]:
         """Return (3, k) unit vectors at points of the skin: across the finger, outward, along it."""
-        surface = self.model.surface
-        phi = surface.angle_at(x_mm, z_mm)
-        across = -surface.tangents(phi, z_mm)[0]  # φ falls with x
-        across /= np.linalg.norm(across, axis=-1, keepdims=True)
-        outward = surface.normal(phi, z_mm)
-        return across.T, outward.T, np.cross(across, outward).T
+        across, outward, along = skin_frames(self.model.surface, x_mm, z_mm)
+        return across.T, outward.T, along.T
 
     def parts(self, direction: Array, share: Array, energy: Energy) -> Array:
         """Return (c, m, n) functions whose squares sum to the SED at m receptors under n pressures.

@@ -87,16 +87,6 @@ def test_the_section_samples_lie_where_raju_has_them(section: SampledSection) ->
     assert section.material == Elastic(1000.0, 0.48)  # dermis: a tenth of the epidermis
 
 
-def test_strains_by_influence_equal_those_of_a_press(section: SampledSection) -> None:
-    """The same forces on the same nodes, once by the press and once by the influence of each node."""
-    pressed = section.finger.indent("cylinder:3", 0.2, doi_mm=0.4)
-    nodes = section.finger.model.patch_in_skin
-    by_node = section.strain_per_node[:, :, nodes]
-    strain = np.einsum("cmnk,kn->cm", by_node, pressed.state.force) * PSEUDO_E_EPIDERMIS
-    angle = section.line.angles(section.sampling.place_mm)
-    assert_allclose(strain, section.line.in_axes(pressed.receptor_strain, angle), atol=1e-12)
-
-
 @pytest.mark.parametrize("x_mm", [0.0, 0.23, -1.9])
 def test_a_point_load_on_the_section_equals_the_line_load_of_the_influence(
     section: SampledSection, x_mm: float
