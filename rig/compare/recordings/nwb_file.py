@@ -321,7 +321,6 @@ class _Candidate(NamedTuple):
         return f"{self.name if usual else self.place} ({number_of(self.size, self.kind)})"
 
 
-_NO_INTERVALS = ("invalid_times",)
 _WHERE = ("acquisition", "stimulus", "processing", "events", "analysis", "scratch")
 _DEEPEST = 3
 _TELLING = {
@@ -333,12 +332,12 @@ _TELLING = {
 """Datasets of a group by which its kind is told; the first has the times, or is as long."""
 
 
-def _candidates(file: Hdf5File) -> list[_Candidate]:
-    """Return all tables of intervals and series of a file that have times, sampled or not."""
+def _candidates(file: Hdf5File, invalid: str) -> list[_Candidate]:
+    """Return all tables of intervals but the `invalid` ones, and series that have times, sampled or not."""
     found = [
         _Candidate(f"intervals/{name}", "intervals", size)
         for name in file.members("intervals")
-        if name not in _NO_INTERVALS and (size := file.rows(f"intervals/{name}/start_time")) is not None
+        if name != invalid and (size := file.rows(f"intervals/{name}/start_time")) is not None
     ]
     places = [(where, 0) for where in _WHERE]
     while places:
@@ -377,7 +376,7 @@ def _pulses(file: Hdf5File, columns: ColumnMap, *, required: bool) -> tuple[_Pul
     Without `required`, something that may be pulses by another name is not.
     """
     name, named = columns["sync"].name, "sync" in columns.named
-    every = _candidates(file)
+    every = _candidates(file, columns["invalid"].name)
     if named and name == NO_PULSES:
         return _Pulses(np.empty(0)), True, _unused(file, every)
     meant = [one for one in every if name in (one.place, one.name)]

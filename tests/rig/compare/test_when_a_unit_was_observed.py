@@ -195,6 +195,15 @@ UNOBSERVED = {
         )
         for unit, factor in {"ms": 1e3, "us": 1e6, "samples": 3e4}.items()
     },
+    "NWB, invalid times of another name": Case(
+        "they are used, and are no pulses", of_amplifier(
+            **PULSES, intervals__bad__start_time=amplifier([55.0]), intervals__bad__stop_time=amplifier([65.0])),
+        ("invalid=bad",), rates=ALL, lost=1, silent="not used",
+    ),
+    "NWB, invalid times of a name that is not there": Case(
+        "what is named is no absence", of_amplifier(**PULSES), ("invalid=bad",), code="bad_invalid_times",
+        says=("intervals/bad",),
+    ),
     "NWB, invalid_times in ms, stated": Case(
         "each input has its own unit", of_amplifier(
             **PULSES, intervals__invalid_times__start_time=1e3 * amplifier([55.0]),
