@@ -57,7 +57,7 @@ _POSITION, _REPEAT, _WINDOW = map(role_name, ("position", "repeat", "window"))
 _MOST_LISTED = 20
 
 
-class Press(NamedTuple):
+class TablePress(NamedTuple):
     """A row of a table: its position (mm), rounded to those that count as one, its repeat, and its rate or count."""
 
     row: Row
@@ -72,7 +72,7 @@ class Press(NamedTuple):
         return self.row.number(self.measured)
 
 
-Presses = Sequence[Press]
+TablePresses = Sequence[TablePress]
 
 
 def holds_counts(header: Sequence[str], columns: ColumnMap) -> bool:
@@ -88,7 +88,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     in_table = [role for role in required if role != "window" or columns.window_s is None]
     rows = read_table(path, *columns.split(in_table, optional), given=columns.by_name, hint=COLUMNS_HINT)
     presses = [
-        Press(row, round(row.number(_POSITION), SAME_PLACE_DECIMALS) + 0.0, row.cells.get(_REPEAT, ""),
+        TablePress(row, round(row.number(_POSITION), SAME_PLACE_DECIMALS) + 0.0, row.cells.get(_REPEAT, ""),
               "count" if counted else "rate") for row in rows
     ]  # fmt: skip
     sentences = [check(presses) for check in REPEAT_CHECKS]
@@ -121,7 +121,7 @@ def _refuse_narrow_profile(path: Path, found: Recording, position: RecordingColu
         )
 
 
-def _rates(path: Path, presses: Presses) -> Recording:
+def _rates(path: Path, presses: TablePresses) -> Recording:
     _refuse_unclear_sd(path, presses)
     rows = [(one.position_mm, one.row.number("rate", 0.0), _sd(one.row)) for one in presses]
     unit = presses[0].row.columns["rate"].unit if presses else ""
@@ -132,7 +132,7 @@ def _rates(path: Path, presses: Presses) -> Recording:
 _NO_SD = "; fill it in, or delete the column"
 
 
-def _refuse_unclear_sd(path: Path, presses: Presses) -> None:
+def _refuse_unclear_sd(path: Path, presses: TablePresses) -> None:
     """Refuse an sd that some rows lack, and one beside repeats, which have their own: it would not count."""
     stated = [one.row for one in presses if one.row.cells.get("sd")]
     for one in presses if stated else []:
@@ -157,7 +157,7 @@ def _sd(row: Row) -> float:
     return sd if unit else sd * row.columns["rate"].factor
 
 
-def _counts(path: Path, presses: Presses, columns: ColumnMap) -> Recording:
+def _counts(path: Path, presses: TablePresses, columns: ColumnMap) -> Recording:
     window_s = columns.window_s or _one_window(path, presses)
     rows = []
     for one in presses:
@@ -168,7 +168,7 @@ def _counts(path: Path, presses: Presses, columns: ColumnMap) -> Recording:
     return recording(path.name, rows, window_s)
 
 
-def _one_window(path: Path, presses: Presses) -> float:
+def _one_window(path: Path, presses: TablePresses) -> float:
     """Return the window (s), which must be the same in all rows, since one noise model applies to all rates."""
     found = [(one.row, one.row.number(_WINDOW)) for one in presses]
     for row, seconds in found:
@@ -181,7 +181,7 @@ def _one_window(path: Path, presses: Presses) -> float:
     return found[0][1]
 
 
-def _unclear_repeats(presses: Presses) -> str:
+def _unclear_repeats(presses: TablePresses) -> str:
     """Refuse a repeat that is empty, that means a summary, or that is no number, or has none, as others are or do."""
     labels = [one.repeat for one in presses]
     keys = {label: label_key(label) for label in labels}
@@ -216,7 +216,7 @@ def _unclear_repeats(presses: Presses) -> str:
     return f"{are.format(', '.join(names[:_MOST_LISTED]) + more)}: delete rows of sums and means."
 
 
-def _place_twice(presses: Presses) -> str:
+def _place_twice(presses: TablePresses) -> str:
     """Refuse a position that occurs twice in the same repeat."""
     seen: dict[tuple[float, str | float], Row] = {}
     for one in presses:
@@ -231,7 +231,7 @@ def _place_twice(presses: Presses) -> str:
     return ""
 
 
-def _how_to_number(press: Press) -> str:
+def _how_to_number(press: TablePress) -> str:
     """Return how to tell repeated presses apart, and why a column of repeats that is there does not."""
     if _REPEAT not in press.row.columns:
         return f"number repeated presses in a column {_REPEAT}"
@@ -244,12 +244,12 @@ def _how_to_number(press: Press) -> str:
     return f"both have {press.repeat!r} in the column {column}: give each press at one position a number of its own"
 
 
-def _nines(presses: Presses) -> str:
+def _nines(presses: TablePresses) -> str:
     refuse_nines([one.row for one in presses], presses[0].measured, _POSITION)
     return ""
 
 
-def _total_rows(presses: Presses) -> str:
+def _total_rows(presses: TablePresses) -> str:
     """Refuse one of the first or last rows whose numbers are all the sums, means and the like of the other rows."""
     repeats = [one.row.format.number(one.repeat) for one in presses]
     numbered = not any(map(math.isnan, repeats))
@@ -259,7 +259,7 @@ def _total_rows(presses: Presses) -> str:
     return ""
 
 
-def _repeat_of_totals(presses: Presses) -> str:
+def _repeat_of_totals(presses: TablePresses) -> str:
     """Refuse a repeat that has what the others are together at every position at which these differ.
 
     Return a sentence on one that may have it by chance, as the smallest of a few presses that are often equal.
@@ -295,7 +295,7 @@ class _Rounding(NamedTuple):
     whole: bool
 
 
-def _roundings(presses: Presses) -> dict[str, _Rounding]:
+def _roundings(presses: TablePresses) -> dict[str, _Rounding]:
     """Return by how much the values of each repeat may be rounded; 39.0 is as exact as 39."""
     found: dict[str, _Rounding] = {}
     for one in presses:
@@ -324,7 +324,7 @@ def _chance(
     return float(np.prod(shares)) * max(map(len, positions))
 
 
-def _close_positions(presses: Presses) -> str:
+def _close_positions(presses: TablePresses) -> str:
     """Return a sentence on positions that are nearly equal. Raises RecordingError if they are of several repeats."""
     placed = sorted(presses, key=lambda one: one.position_mm)
     close = [pair for pair in pairwise(placed)
