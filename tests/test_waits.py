@@ -128,7 +128,7 @@ def test_make_shake_repeats_every_real_time_test(texts: dict[str, str]) -> None:
     found = {name for name, text in asked.items() if not REAL.isdisjoint(_names(ast.parse(text)))}
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {
-        "rig/compare/test_recordings_say_what_they_lack.py",  # another program, which nothing hurries
+        "rig/compare/test_kinds_of_files.py",  # another program, which nothing hurries
         "rig/panel/test_page_scripts.py",  # the same
         "rig/test_ascii_locale.py",  # the same
         "rig/test_figures_without_settings.py",  # the same

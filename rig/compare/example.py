@@ -21,7 +21,7 @@ from rig.compare.fit import by_pair, compared, correlation
 from rig.compare.likelihood import Form, observed
 from rig.compare.model_confidence_set import Predicted, predicted_left_out, set_probabilities
 from rig.compare.recordings.columns import column_map
-from rig.compare.recordings.reading import read_srp
+from rig.compare.recordings.presses_table import read_srp
 from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import CONTROLS, StimulusRow, answers_key, contact_regions, controls, on_widest_skin
 from rig.compare.verdict import A_CONSTANT, LEVEL, titled
@@ -63,7 +63,6 @@ RELAXATION = ((0.2, 0.07), (0.2, 1.4))
 """Prony series of the relaxing finger, as in `docs/model.md`: share, time constant (s)."""
 
 _RAMP_STEPS = 10
-_HOLD_S = 1.0
 
 ExamplePhase = Literal["static", "dynamic"]
 PHASES: tuple[ExamplePhase, ...] = ("static", "dynamic")

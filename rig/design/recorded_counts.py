@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
-from rig.compare.recordings.columns import Row, no_rows, read_table, refuse_nines
+from rig.compare.recordings.table import Row, no_rows, read_table
+from rig.compare.recordings.totals import refuse_nines
 from rig.design.counts import TEN_MINUTES_S, CountModel
 from rig.design.fibers import FiberDraws, draw_fibers, log_rates, relative_rates
 from rig.design.posterior import CandidatePosterior, in_set

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
-from rig.compare.recordings.columns import LEAVE_EMPTY, no_rows, read_table
 from rig.compare.recordings.deflection import FEWEST_POINTS, PROXIMAL_MM, downward_mm
-from rig.compare.recordings.summary_rows import refuse_summary_labels, refuse_total_rows
+from rig.compare.recordings.table import LEAVE_EMPTY, no_rows, read_table
+from rig.compare.recordings.totals import refuse_total_rows
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
@@ -284,7 +284,6 @@ def read_deflections(path: Path) -> list[Deflection]:
         rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
-    refuse_summary_labels(found)
     refuse_total_rows(found, ["deflection_mm", "z_mm"], np.array(rows)[:, [2, 1]], "point", fewest=FEWEST_POINTS)
     downward_mm(path, found)
     table = np.array(sorted(rows))

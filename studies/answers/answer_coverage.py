@@ -24,7 +24,7 @@ from rig.compare.make_verdict import CandidatePool, answers, candidate_pool
 from rig.compare.model_confidence_set import set_probabilities
 from rig.compare.plausible_fingers import PlausibleFingers, read_plausible
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.recordings.spikes import LinearAfferent, afferent_for
+from rig.compare.recordings.synthetic import LinearAfferent, afferent_for
 from rig.compare.stimuli import CONTROLS, StimulusRow
 from sim.config import FingertipConfig, Tissue
 from sim.measures.receptors import DEFAULT_DEPTH_MM

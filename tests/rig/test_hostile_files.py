@@ -26,8 +26,9 @@ from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.neo_file import read_neo
 from rig.compare.recordings.nwb_file import read_nwb
-from rig.compare.recordings.reading import Reading, read_srp, sha256
-from rig.compare.recordings.spikes import _read_csv
+from rig.compare.recordings.presses_table import read_srp
+from rig.compare.recordings.reading import Reading, sha256
+from rig.compare.recordings.spikes_table import read_spikes_table
 from rig.control.stop import stage_alone
 from rig.data import RunFolder, read_run
 from rig.data.run import Following
@@ -84,7 +85,7 @@ READERS: dict[str, tuple[str, Read]] = {
     "rates": (".csv", read_srp),
     "workbook": (".xlsx", read_srp),
     "MATLAB": (".mat", read_srp),
-    "spikes": (".csv", lambda path: _read_csv(path, ColumnMap())),
+    "spikes": (".csv", lambda path: read_spikes_table(path, "", ColumnMap())),
     "afferents": (".csv", lambda path: read_afferents(path, (), (), (), Reading())),
     "NWB": (".nwb", lambda path: read_nwb(path, "", ColumnMap())),
     "neo": (".plx", lambda path: read_neo(path, "", ColumnMap())),

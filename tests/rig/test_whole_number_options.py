@@ -13,7 +13,7 @@ from rig.cli import calibrate
 from rig.cli import program as commands
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.nwb_file import read_nwb
-from rig.compare.recordings.reading import read_srp
+from rig.compare.recordings.presses_table import read_srp
 from rig.design.counts_from import source
 from rig.errors import BadInputError
 from sim.contact.shapes import parse_shape

@@ -1,1 +1,13 @@
-"""Recordings: rates, spike times, and synthetic recordings, whose names say so."""
+"""Recordings that users name, read as rates against position.
+
+    file → table_cells, workbook, matlab_file → table (header, roles, units, numbers) → presses_table → Recording
+    file → spike_files (NWB, neo, table) → UnitSpikes → spike_checks → run_clock → spikes → Recording
+
+Each fact about inputs has one place:
+
+- a column, its role, its units and its names: `column_units.COLUMNS`
+- a question about the presses of a table: `presses_table.CHECKS`; what is no measurement: `totals.STATISTICS`
+- a way in which a workbook shows something else than its numbers: `workbook._UNCLEAR`
+- a kind of file with spikes: `spike_files.SPIKE_FILES`; its reader fills `spike_times.UnitSpikes`
+- a question about spikes, whatever their file: `spike_checks.CHECKS`, and on the run's clock `RUN_CHECKS`
+"""

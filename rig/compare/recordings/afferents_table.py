@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
-from rig.compare.recordings.columns import LEAVE_EMPTY, Row, check_header, column_map, no_rows
-from rig.compare.recordings.number_cells import label_key, number_format
+from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.number_cells import label_key
 from rig.compare.recordings.reading import (
     Reading,
     are_copies,
@@ -22,8 +22,8 @@ from rig.compare.recordings.reading import (
     to_mirror,
 )
 from rig.compare.recordings.recording import Recording, shape_key
-from rig.compare.recordings.summary_rows import is_summary
-from rig.compare.recordings.table_cells import refuse_not_understood, table_lines
+from rig.compare.recordings.summary_words import is_summary
+from rig.compare.recordings.table import LEAVE_EMPTY, Row, no_rows, read_table
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig_shared.natural_order import natural_order
@@ -153,26 +153,16 @@ def _refuse(
 
 
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
-    lines = table_lines(path)
-    first, header = next(lines)
-    columns = check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
-    rows = [(number, cells) for number, cells in lines if any(cells)]
-    at = {name: header.index(column.name) for name, column in columns.items()}
-    pressed = [name for name in _CONDITIONS if name in at]
-    numbers = number_format(
-        {name: cells[at[name]] for name in pressed} for _, cells in rows if len(cells) == len(header)
-    )
-    named, wrong = [], []
-    for number, cells in rows:
-        where = f"{path}, row {number}"
+    named, wrong = list[_Named](), Wrong()
+
+    def refused(row: int, error: RecordingError) -> None:
+        wrong.append(_wrong(f"{path}, row {row}", row, str(error)))
+
+    for row in read_table(path, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT, on_wrong_row=refused):
         try:
-            if len(cells) != len(header):
-                raise RecordingError(f"{len(cells)} cells, but the header has {len(header)}", "cells_of_row")
-            for name, k in at.items():
-                refuse_not_understood(path, columns[name].name, cells[k])
-            named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
+            named.append(_row(f"{path}, row {row.row}", row))
         except RecordingError as error:
-            wrong.append(_wrong(where, number, str(error)))
+            refused(row.row, error)
     return named, wrong
 
 
@@ -189,9 +179,7 @@ def _row(where: str, row: Row) -> _Named:
         raise RecordingError("state one depth or force", "several_conditions")
     shape = "@".join([cell["shape"], *pressed])
     file = Path(cell["file"])
-    return _Named(
-        where, row.row, same_name(cell["afferent"]), shape, str(row.path.parent / file), cell.get("columns", "")
-    )
+    return _Named(where, row.row, cell["afferent"], shape, str(row.path.parent / file), cell.get("columns", ""))
 
 
 _NO_RECORDINGS = (

@@ -158,3 +158,22 @@ def _shows_all(number: int, code: str) -> bool:
     """Return whether a number format shows every number as it is."""
     parts = NumberFormatParts.of(code)
     return not shown_as(number, code) and not any(parts.hides(x) or parts.sign_problem(x) for x in (-1.0, 0.0, 1.0))
+
+
+class CellStyle(NamedTuple):
+    """How a cell looks: what is shown instead of its number, in words; color and background; and number format."""
+
+    instead: str = ""
+    struck: bool = False
+    ink: Color = BLACK
+    background: Color = WHITE
+    parts: NumberFormatParts | None = None
+    """Of a number format of the workbook's own."""
+
+    def hides(self, number: float | None) -> bool:
+        """Return whether a cell with content, a number or a text (None), shows none."""
+        return are_alike(self.ink, self.background) or (self.parts is not None and self.parts.hides(number))
+
+    def shown(self, number: float) -> str:
+        """Return what is shown instead of a number, in words; "" for the number itself."""
+        return self.instead or (self.parts.sign_problem(number) if self.parts is not None else "")

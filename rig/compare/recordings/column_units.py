@@ -79,14 +79,17 @@ def _rate(unit: str) -> float | None:
 
 
 class Dimension(NamedTuple):
-    """Units of a column: their names for messages, the factor of each, and the largest sensible number."""
+    """Units of a column: their names for messages, the factor of each, and the program's own unit."""
 
     listed: tuple[str, ...]
     factor: Callable[[str], float | None]
+    usual: str = ""
     most: float = math.inf
-    """In the program's unit."""
+    """Largest sensible number, in the program's unit."""
     likely: str = ""
     """Unit of numbers that are too large, most likely."""
+    needed: bool = False
+    """Whether numbers without a unit could be in several."""
 
     def known(self, unit: str) -> float | None:
         """Return the factor of a unit, None if it is unknown."""
@@ -97,24 +100,79 @@ MOST_MM, MOST_HOLD_S, MOST_RATE, MOST_GWT = 100.0, 100.0, 2000.0, 10_000.0
 LEAST_PROFILE_MM = 0.01
 """Limits of what a finger, a press and an afferent can be; a wrong unit is a thousand times beyond."""
 
-LENGTH = Dimension(("nm", "um", "mm", "cm", "m", "in"), _of(_LENGTHS), MOST_MM, "um")
-TIME = Dimension(("us", "ms", "s", "min", "h"), _of(_TIMES))
+LENGTH = Dimension(("nm", "um", "mm", "cm", "m", "in"), _of(_LENGTHS), "mm", MOST_MM, "um", True)
+TIME = Dimension(("us", "ms", "s", "min", "h"), _of(_TIMES), "s", needed=True)
 WINDOW = TIME._replace(most=MOST_HOLD_S, likely="ms")
-RATE = Dimension(("1/s", "Hz", "spikes/s", "imp/s", "1/ms", "1/min", "a.u."), _rate, MOST_RATE, "1/min")
-FORCE = Dimension(("gwt", "mN", "N"), _of(_FORCES), MOST_GWT, "mN")
+RATE = Dimension(("1/s", "Hz", "spikes/s", "imp/s", "1/ms", "1/min", "a.u."), _rate, "1/s", MOST_RATE, "1/min")
+FORCE = Dimension(("gwt", "mN", "N"), _of(_FORCES), "gwt", MOST_GWT, "mN", True)
 COUNT = Dimension(("spikes", "impulses"), lambda unit: 1.0 if _COUNTED.fullmatch(unit) else None)
 NONE = Dimension((), lambda _: None)
 
-_DIMENSIONS = {"_mm": LENGTH, "_s": TIME, "_gwt": FORCE}
-_BY_NAME = {"rate": RATE, "sd": RATE, "count": COUNT, "window_s": WINDOW, "sync_pulses": TIME, "obs_intervals": TIME}
 _KNOWN_ELSEWHERE = (LENGTH, TIME, FORCE)
 _SHORTEST = 2  # letters of a word that is taken for a unit of something else
 
 
-def dimension_of(name: str) -> Dimension:
-    """Return the units of a column by the program's name for it, e.g. "position_mm"."""
-    ending = next((one for end, one in _DIMENSIONS.items() if name.endswith(end)), NONE)
-    return _BY_NAME.get(name, ending)
+class ColumnKind(NamedTuple):
+    """A column that the program reads, or a dataset of an NWB file."""
+
+    name: str
+    """The program's own."""
+    role: str = ""
+    """Of --columns; "" for a column that is read by its name alone."""
+    units: Dimension = NONE
+    words: tuple[str, ...] = ()
+    """Names in the tables of others, without units."""
+    one_for_all: bool = False
+    """Whether a file may have one value for all rows."""
+    is_label: bool = False
+    """Whether its cells are names that are compared with one another."""
+
+
+COLUMNS = {
+    kind.name: kind
+    for kind in (
+        ColumnKind("position_mm", "position", LENGTH, (
+            "position", "pos", "x", "x position", "position x", "indentor position", "probe position",
+            "stimulus position")),
+        ColumnKind("rate", "rate", RATE, (
+            "rate", "firing rate", "discharge rate", "mean rate", "mean firing rate", "spike rate", "impulse rate",
+            "fr")),
+        ColumnKind("sd", "sd", RATE, ("sd", "std", "stdev", "standard deviation", "rate sd", "sd rate"), True),
+        ColumnKind("repeat", "repeat", NONE, (
+            "repeat", "rep", "repetition", "trial", "trial number", "trial no", "presentation", "replicate"), True,
+            True),
+        ColumnKind("count", "count", COUNT, (
+            "count", "counts", "spike count", "spike counts", "spikecount", "spikes", "n spikes", "nspikes",
+            "num spikes", "number of spikes", "impulses", "impulse count")),
+        ColumnKind("window_s", "window", WINDOW, (
+            "window", "count window", "counting window", "window length", "duration", "bin", "bin width"), True),
+        ColumnKind("time_s", "time", TIME, (
+            "time", "times", "t", "spike time", "spike times", "spiketimes", "timestamp", "timestamps")),
+        ColumnKind("kind", "kind", NONE, ("kind", "type", "event", "event type", "label"), True),
+        ColumnKind("unit", "unit", NONE, (
+            "unit", "afferent", "neuron", "cell", "cluster", "cluster id", "unit id", "unit name", "channel"), True,
+            True),
+        ColumnKind("sync_pulses", "sync", TIME),
+        ColumnKind("obs_intervals", "observed", TIME),
+        ColumnKind("invalid_times", "invalid", TIME),
+        ColumnKind("segment", "segment"),
+        ColumnKind("deflection_mm", "", LENGTH, ("deflection", "displacement")),
+        ColumnKind("doi_mm", "", LENGTH, ("doi", "depth", "indentation depth")),
+        ColumnKind("depth_mm", "", LENGTH, ("depth", "doi", "indentation depth"), True),
+        ColumnKind("force_gwt", "", FORCE, ("force",), True),
+        ColumnKind("shape", words=("shape",), one_for_all=True),
+        ColumnKind("afferent", words=("afferent",), one_for_all=True, is_label=True),
+        ColumnKind("columns", words=("columns",), one_for_all=True),
+        ColumnKind("x_mm", "", LENGTH, ("x",)),
+        ColumnKind("z_mm", "", LENGTH, ("z",)),
+    )
+}  # fmt: skip
+ROLES = {kind.role: kind for kind in COLUMNS.values() if kind.role}
+
+
+def column_kind(name: str) -> ColumnKind:
+    """Return a column by the program's name for it; one that has no entry has no units."""
+    return COLUMNS.get(name) or ColumnKind(name, words=(name,))
 
 
 @dataclass(frozen=True)
@@ -145,11 +203,11 @@ def header_name(text: str, of: Dimension) -> HeaderName:
         return HeaderName(_plain(found[1]), found[2].strip(), True, of.known(found[2]))
     if found := _SUFFIX.fullmatch(text):
         unit = found[2].replace("_", " ").strip()
-        factor = None if of in (NONE, COUNT) else of.known(unit)
+        factor = of.known(unit) if of.usual else None
         elsewhere = len(unit) >= _SHORTEST and any(one.known(unit) is not None for one in _KNOWN_ELSEWHERE)
         if factor is not None:
             return HeaderName(_plain(found[1]), unit, False, factor)
-        if elsewhere and of not in (NONE, COUNT) and unit.casefold() != "in":
+        if elsewhere and of.usual and unit.casefold() != "in":
             return HeaderName(_plain(found[1]), unit, True, None)
     return HeaderName(_plain(text), "", False, 1.0)
 
@@ -183,29 +241,6 @@ def _plain(words: str) -> str:
     return " ".join(re.split(r"[\s_\-]+", words.strip().casefold())).strip()
 
 
-SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "position_mm": ("position", "pos", "x", "x position", "position x", "indentor position", "probe position",
-                    "stimulus position"),
-    "rate": ("rate", "firing rate", "discharge rate", "mean rate", "mean firing rate", "spike rate", "impulse rate",
-             "fr"),
-    "sd": ("sd", "std", "stdev", "standard deviation", "rate sd", "sd rate"),
-    "repeat": ("repeat", "rep", "repetition", "trial", "trial number", "trial no", "presentation", "replicate"),
-    "count": ("count", "counts", "spike count", "spike counts", "spikecount", "spikes", "n spikes", "nspikes",
-              "num spikes", "number of spikes", "impulses", "impulse count"),
-    "window_s": ("window", "count window", "counting window", "window length", "duration", "bin", "bin width"),
-    "time_s": ("time", "times", "t", "spike time", "spike times", "spiketimes", "timestamp", "timestamps"),
-    "kind": ("kind", "type", "event", "event type", "label"),
-    "unit": ("unit", "afferent", "neuron", "cell", "cluster", "cluster id", "unit id", "unit name", "channel"),
-    "deflection_mm": ("deflection", "displacement"),
-    "doi_mm": ("doi", "depth", "indentation depth"),
-    "depth_mm": ("depth", "doi", "indentation depth"),
-    "force_gwt": ("force",),
-    "x_mm": ("x",),
-    "z_mm": ("z",),
-}  # fmt: skip
-"""Names of columns in the tables of others, without units, by the program's own."""
-
-
 def means(words: str, name: str) -> bool:
     """Return whether the words of a header mean one of the program's columns."""
-    return words in SYNONYMS.get(name, (name,))
+    return words in column_kind(name).words

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import Row, column_list, no_rows, read_table
-from rig.compare.recordings.summary_rows import refuse_summary_labels, refuse_total_rows
+from rig.compare.recordings.table import Row, column_list, no_rows, read_table
+from rig.compare.recordings.totals import refuse_total_rows
 from rig_shared.outputs import Output
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
@@ -42,7 +42,6 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
     rows = read_table(path, ("deflection_mm",), _COLUMNS)
     if not rows:
         raise no_rows(path, column_list(("deflection_mm",), _COLUMNS))
-    refuse_summary_labels(rows)
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
         raise RecordingError(f"{path}, row 1: must have a column x_mm, z_mm, or both", "no_place")

@@ -1,6 +1,9 @@
 """What a file is, by its first bytes, in words for messages."""
 
 import struct
+from pathlib import Path
+
+from rig.compare.exceptions import RecordingError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 ZIP = b"PK\x03\x04"
@@ -64,3 +67,10 @@ def kind_of(start: bytes) -> str:
     except UnicodeDecodeError as error:
         return "" if error.start < len(few) - 4 else "text"
     return "text"
+
+
+def no_table(path: Path, kind: str, reason: str = "") -> RecordingError:
+    """Return the error for a file that is no table: what it is (a `kind`), or why its text cannot be read."""
+    if kind and kind != "text":
+        return RecordingError(f"{path}: not a table (CSV in UTF-8, .xlsx, .mat); it is {kind}", "no_csv")
+    return RecordingError(f"{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8", "no_csv")

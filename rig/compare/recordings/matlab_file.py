@@ -25,6 +25,10 @@ _CLASSES = {1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 16: "fu
 _COMPLEX, _LOGICAL = 0x0800, 0x0200
 
 
+MATLAB_DAMAGE = (ValueError, struct.error)
+"""Errors of a damaged file."""
+
+
 class MatlabVariable(NamedTuple):
     """A variable: its name, shape and kind (such as "struct", "" for numbers), and its numbers or texts."""
 

@@ -7,9 +7,9 @@ carry several labels, such as the lines of a TTL port, also appears once per lab
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -23,7 +23,7 @@ from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, UnitSpikes, extent, joined
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, UnitSpikes, extent, joined, no_such_unit
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -65,28 +65,80 @@ def neo_format(path: Path) -> NeoFormat | None:
 
 
 @dataclass(frozen=True)
-class _Channels:
-    """Times (s) of a segment's spike trains and event channels, by the names that choose them."""
+class _Train:
+    """A spike train: its spikes (s), and when it states that it began and ended (s)."""
 
-    trains: Mapping[str, Array] = field(default_factory=dict)
-    events: Mapping[str, Array] = field(default_factory=dict)
-    spans: Mapping[str, Array] = field(default_factory=dict)
-    """First and last time (1, 2) at which the unit of a spike train was observed, infinite if it is not known."""
-    lines: Mapping[str, Callable[[], tuple[Array, Array]]] = field(default_factory=dict)
-    """Rises and falls of sampled channels, by their names."""
-    epochs: tuple[str, ...] = ()
+    spike_s: Array
+    begin_s: float
+    end_s: float
+
+    @property
+    def last_s(self) -> float:
+        """Time of the last spike; the beginning without one."""
+        return float(self.spike_s.max(initial=self.begin_s))
+
+    def observed(self, name: str, *, throughout: bool) -> tuple[Array, list[str]]:
+        """Return the span in which the unit was observed, and sentences on a beginning or end that is not believed.
+
+        An end at the last spike is not believed, nor a beginning at 0 beside it: exports write them if they do not
+        know when the recording began and ended. A beginning at the first spike holds unless the user knows better.
+        """
+        ends_known = self.end_s > self.last_s
+        begin_s = self.begin_s if ends_known or self.begin_s > 0 else -np.inf
+        end_s = self.end_s if ends_known else np.inf
+        said = []
+        first_s = float(self.spike_s.min(initial=np.inf))
+        if 0 < first_s < np.inf and abs(begin_s - first_s) <= _SAME_S:
+            before = (
+                "as observed, as observed=throughout states."
+                if throughout
+                else "as not observed; if the unit was observed, use --columns observed=throughout."
+            )
+            said.append(
+                f"The file states that {name} begins at its first spike ({first_s:.1f} s), as exports do that do not "
+                f"know when the recording began. Presses before it count {before}"
+            )
+            begin_s = -np.inf if throughout else begin_s
+        if not ends_known and len(self.spike_s):
+            said.append(
+                f"The file states that {name} ends at its last spike ({self.last_s:.1f} s), as exports do that do "
+                "not know when the recording ended. This is not taken for its end: presses before later events of "
+                "the file count as observed."
+            )
+        return np.array([[begin_s, end_s]]), said
+
+
+_SAME_S = 1e-6
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """A segment's spike trains, event channels (s) and sampled channels, by the names that choose them."""
+
+    trains: Mapping[str, _Train]
+    events: Mapping[str, Array]
+    lines: Mapping[str, Callable[[], tuple[Array, Array]]]
+    """Rises and falls of sampled channels."""
+    epochs: tuple[str, ...]
     """Names of the event channels that are epochs."""
+
+    @property
+    def spikes(self) -> dict[str, Array]:
+        """Spikes of all trains."""
+        return {name: train.spike_s for name, train in self.trains.items()}
 
     @property
     def empty(self) -> bool:
         """Whether there is neither a spike nor an event."""
-        return not any(map(len, (*self.trains.values(), *self.events.values())))
+        return not any(map(len, (*self.spikes.values(), *self.events.values())))
 
     @property
     def contents(self) -> str:
         """List of all names with their numbers of spikes or events."""
-        trains = ", ".join(f"{name} ({number_of(len(times), 'spikes')})" for name, times in _first(self.trains))
-        events = ", ".join(f"{name} ({number_of(len(times), 'events')})" for name, times in _first(self.events))
+        trains, events = (
+            ", ".join(f"{name} ({number_of(len(times), kind)})" for name, times in list(some.items())[:_MOST_LISTED])
+            for some, kind in ((self.spikes, "spikes"), (self.events, "events"))
+        )
         lines = f"; sampled channels: {', '.join(list(self.lines)[:_MOST_LISTED])}" if self.lines else ""
         return f"spike trains: {trains or 'none'}; event channels: {events or 'none'}{lines}"
 
@@ -95,20 +147,14 @@ class _Channels:
         """Whether there are events, or a sampled channel that is called as a line of pulses."""
         return any(map(len, self.events.values())) or any(map(called_like_pulses, self.lines))
 
-    def unused(self, channel: str) -> tuple[str, ...]:
+    def unused(self, channel: str) -> list[str]:
         """Return a sentence on the epochs that are not the pulses."""
         others = [name for name in self.epochs if name != channel]
-        held = joined(
-            [f"{name} ({number_of(len(self.events[name]), 'intervals')})" for name in others[:_MOST_LISTED]]
-        )
-        return (NOT_USED.format(held),) if others else ()
+        each = [f"{name} ({number_of(len(self.events[name]), 'intervals')})" for name in others[:_MOST_LISTED]]
+        return [NOT_USED.format(joined(each))] if others else []
 
 
-def _first(channels: Mapping[str, Array]) -> list[tuple[str, Array]]:
-    return list(channels.items())[:_MOST_LISTED]
-
-
-def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
+def read_neo(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSpikes:
     """Return the spikes and sync pulses of a file, and when the unit was observed.
 
     Parameters
@@ -119,31 +165,37 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
         Name of a spike train or event channel; "" for the only spike train.
     columns : ColumnMap
         `sync` names the event channel or sampled line of the pulses, or is "none"; `segment` is a number from 1.
+    uid : str
+        Of the run; not used.
 
     Raises
     ------
     RecordingError
         If the file cannot be read, or if a choice is missing; the message then lists what is in the file.
     """
-    segments = _segments(path)
-    segment = _one_segment(path, segments, columns)
-    name, spikes = _spikes(path, segment, unit)
-    span, begins = _begin(name, segment, columns)
+    segment = _one_segment(path, _segments(path), columns)
+    name = _unit(path, segment, unit)
     channel, pulses, ends = _pulses(path, segment, columns)
+    train = segment.trains.get(name)
+    observed, said = (
+        (THROUGHOUT, []) if train is None else train.observed(name, throughout=columns.observed_throughout)
+    )
     return UnitSpikes(
-        finite_times(path, name, spikes),
+        path,
+        unit,
+        finite_times(path, name, segment.events[name] if train is None else train.spike_s),
         np.sort(finite_times(path, channel, pulses)),
-        span,
-        notes=(*segment.unused(channel), *begins, *_end_not_believed(name, segment)),
+        observed,
+        notes=(*segment.unused(channel), *said),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
         end_s=ends,
         line=channel in segment.lines,
         read_as=f"Spike times read: {name}.",
-        file_s=extent(*segment.trains.values(), *segment.events.values()),
+        file_s=extent(*segment.spikes.values(), *segment.events.values()),
     )
 
 
-def _segments(path: Path) -> list[_Channels]:
+def _segments(path: Path) -> list[_Segment]:
     """Return all segments, those of every block in order."""
     found = neo_format(path)
     assert found is not None
@@ -157,7 +209,7 @@ def _segments(path: Path) -> list[_Channels]:
         warnings.simplefilter("ignore")  # neo warns of its own future and of channels that are not used here
         neo_io = _neo(path, found)
         try:
-            read = [_channels(segment) for block in _blocks(neo_io, found, path) for segment in block.segments]
+            read = [_segment(segment) for block in _blocks(neo_io, found, path) for segment in block.segments]
         except Exception as error:  # a reader raises whatever a wrong byte leads to
             said = trouble(path, error, "a NIX file") if found.reader == "NixIO" else None
             if said is not None and said.code in ("locked_hdf5", "truncated_hdf5"):
@@ -189,67 +241,22 @@ def _blocks(neo_io: Any, found: NeoFormat, path: Path) -> list[Any]:
     return list(kind(str(path)).read(lazy=True))  # leaves signals on the disk
 
 
-def _channels(segment: Any) -> _Channels:
-    loaded_trains = [_loaded(train) for train in segment.spiketrains]
-    trains = _named([(train, _in_seconds(train)) for train in loaded_trains])
-    spans = {
-        name: _span(train, times)
-        for name, (train, times) in _with_names([(train, _in_seconds(train)) for train in loaded_trains])
-    }
+def _segment(segment: Any) -> _Segment:
+    trains = {name: _train(one) for name, one in _named([_loaded(one) for one in segment.spiketrains])}
     events: dict[str, Array] = {}
     epochs = list[str]()
-    found = [(one, _loaded(one)) for one in (*segment.events, *segment.epochs)]
-    labels = {id(one): loaded for one, loaded in found}
-    for name, (one, times) in _with_names([(one, _in_seconds(loaded)) for one, loaded in found]):
-        events[name] = times
-        epochs += [name] if any(one is epoch for epoch in segment.epochs) else []
-        texts = np.array([same_name(str(text)) for text in np.asarray(labels[id(one)].labels)], dtype=str)
+    for name, one in _named([_loaded(one) for one in (*segment.events, *segment.epochs)]):
+        events[name] = times = _in_seconds(one)
+        epochs += [name] if hasattr(one, "durations") else []
+        texts = np.array([same_name(str(text)) for text in np.asarray(one.labels)], dtype=str)
         distinct = sorted(set(texts.tolist()))
         if 1 < len(distinct) <= _MOST_LABELS and len(texts) == len(times):
             events |= {f"{name}/{text}": times[texts == text] for text in distinct}
-    return _Channels(trains, events, spans, _lines(segment), tuple(epochs))
+    return _Segment(trains, events, _lines(segment), tuple(epochs))
 
 
-def _span(train: Any, times: Array) -> Array:
-    """Return the first and last time of a train.
-
-    An end at the last spike is not believed, nor a beginning at 0 beside it: exports write them if they do not know
-    when the recording began and ended. A beginning at the first spike holds unless the user knows better.
-    """
-    first, last = (float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop))
-    if last > times.max(initial=first):
-        return np.array([[first, last]])
-    return np.array([[first if first > 0 else -np.inf, np.inf]])
-
-
-def _begin(name: str, segment: _Channels, columns: ColumnMap) -> tuple[Array, list[str]]:
-    """Return the span of a channel, and a sentence on a stated beginning that is that of its first spike."""
-    span = segment.spans.get(name, THROUGHOUT)
-    if name not in segment.spans or not len(segment.trains[name]):
-        return span, []
-    first_s = float(segment.trains[name].min())
-    if first_s <= 0 or abs(float(span[0, 0]) - first_s) > _SAME_S:
-        return span, []
-    said = (f"The file states that {name} begins at its first spike ({first_s:.1f} s), as exports do that do not "
-            "know when the recording began.")  # fmt: skip
-    if columns.observed_throughout:
-        return np.array([[-np.inf, span[0, 1]]]), [f"{said} Presses before it count as observed, as "
-                                                   "observed=throughout states."]  # fmt: skip
-    return span, [f"{said} Presses before it count as not observed; if the unit was observed, use --columns "
-                  "observed=throughout."]  # fmt: skip
-
-
-_SAME_S = 1e-6
-
-
-def _end_not_believed(name: str, segment: _Channels) -> list[str]:
-    """Return a sentence on the stated end of a spike train that is that of its last spike; none for another."""
-    if name not in segment.spans or np.isfinite(segment.spans[name][0, 1]) or not len(segment.trains[name]):
-        return []
-    last_s = float(segment.trains[name].max())
-    return [f"The file states that {name} ends at its last spike ({last_s:.1f} s), as exports do that do not know "
-            "when the recording ended. This is not taken for its end: presses before later events of the file count "
-            "as observed."]  # fmt: skip
+def _train(train: Any) -> _Train:
+    return _Train(_in_seconds(train), *(float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop)))
 
 
 def _lines(segment: Any) -> dict[str, Callable[[], tuple[Array, Array]]]:
@@ -280,21 +287,17 @@ def _in_seconds(one: Any) -> Array:
     return np.asarray(one.times.rescale("s").magnitude, dtype=float)
 
 
-def _named(found: list[tuple[Any, Array]]) -> dict[str, Array]:
-    return {name: times for name, (_, times) in _with_names(found)}
-
-
-def _with_names(found: list[tuple[Any, Array]]) -> Iterator[tuple[str, tuple[Any, Array]]]:
+def _named(found: Sequence[Any]) -> Iterator[tuple[str, Any]]:
     """Name each channel: by its name, by its id if several share the name, or by its number."""
-    names = [same_name(str(one.name or "")) for one, _ in found]
-    ids = [str(one.annotations.get("id", "")) for one, _ in found]
-    for number, (pair, name, key) in enumerate(zip(found, names, ids, strict=True), 1):
+    names = [same_name(str(one.name or "")) for one in found]
+    ids = [str(one.annotations.get("id", "")) for one in found]
+    for number, (one, name, key) in enumerate(zip(found, names, ids, strict=True), 1):
         unique = [text for text, all_ in ((name, names), (key, ids)) if text and Counter(all_)[text] == 1]
         taken = str(number) in names or str(number) in ids
-        yield (unique[0] if unique else f"channel {number}" if taken else str(number)), pair
+        yield (unique[0] if unique else f"channel {number}" if taken else str(number)), one
 
 
-def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _Channels:
+def _one_segment(path: Path, segments: list[_Segment], columns: ColumnMap) -> _Segment:
     full = {str(n): one for n, one in enumerate(segments, 1) if not one.empty}
     if not full:
         raise RecordingError(f"{path}: contains no spikes and no events; at least one spike is required", "no_spikes")
@@ -310,21 +313,17 @@ def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _
     )
 
 
-def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
-    both = {**segment.events, **segment.trains}
-    if unit in both:
-        return unit, both[unit]
-    firing = {name: times for name, times in segment.trains.items() if len(times)}
+def _unit(path: Path, segment: _Segment, unit: str) -> str:
+    """Return the spike train or event channel that was chosen, or the only train with spikes."""
+    if unit in segment.trains or unit in segment.events:
+        return unit
+    firing = [name for name, spike_s in segment.spikes.items() if len(spike_s)]
     if unit == "" and len(firing) == 1:
-        return next(iter(firing.items()))
-    problem = f"there is no unit {unit}" if unit else f"{len(firing)} spike trains"
-    raise RecordingError(
-        f"{path}: {problem}; use SHAPE={path.name}#UNIT with a name from the file ({segment.contents})",
-        "no_unit" if unit else "several_units",
-    )
+        return firing[0]
+    raise no_such_unit(path, unit, f"{len(firing)} spike trains", segment.contents)
 
 
-def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array, Array]:
+def _pulses(path: Path, segment: _Segment, columns: ColumnMap) -> tuple[str, Array, Array]:
     """Return the channel of the pulses, their beginnings, and their ends for a line."""
     name = same_name(columns["sync"].name)
     if columns["sync"].stated:

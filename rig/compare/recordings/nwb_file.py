@@ -5,33 +5,30 @@ unit was observed (obs_intervals), without those of the table `invalid_times`. S
 a TimeSeries called `sync_pulses`: events with timestamps, or a sampled line, whose rises count.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import ColumnMap
-from rig.compare.recordings.hdf5 import (
-    attribute_of,
-    dataset_at,
-    members,
-    numbers_in,
-    part_of,
-    rows_of,
-    text_at,
-    texts_in,
-    trouble,
-    values_of,
+from rig.compare.recordings.columns import ColumnMap, RecordingColumn, role_name
+from rig.compare.recordings.hdf5 import Hdf5File, trouble
+from rig.compare.recordings.spike_times import (
+    NOT_USED,
+    THROUGHOUT,
+    Array,
+    UnitSpikes,
+    are_inside,
+    extent,
+    joined,
+    no_such_unit,
+    union,
+    without,
 )
-from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, extent, joined, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
-from rig_shared.number_text import read_number
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
 from sim.tables import REJECTING
@@ -53,41 +50,45 @@ def is_nwb(path: Path) -> bool:
 def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSpikes:
     """Return the spikes and pulses of a unit by its id, "" for the only one. Raises RecordingError.
 
-    `uid` is that of the run: a file that was exported from it needs no pulses. The roles time, sync and observed of
-    `columns` name another column of times, the pulses, and another column of intervals, each with its own unit.
+    `uid` is that of the run: a file that was exported from it needs no pulses. The roles time, sync, observed and
+    invalid of `columns` name another column of times, the pulses, another column of intervals, and another table of
+    invalid times, each with its own unit.
     """
-    try:
-        open_file(path).close()  # for its checks
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RecordingError(f"{path}: {reason}", "unreadable") from None
-    with _damage_in_one_line(path), h5py.File(path) as file:
-        units = _Units.of(file, path, columns)
-        row = units.row_of(file, unit)
-        spikes = columns["time"].factor * units.times(file, row)
-        observed = _observed(file, path, columns, units, row, spikes)
-        of_run = uid != "" and text_at(file, path, "identifier").endswith(uid)
-        pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
+    with _damage_in_one_line(path), h5py.File(path) as opened:
+        file = Hdf5File(path, opened)
+        units = _Units.of(file, columns)
+        row = units.row_of(unit)
+        spikes = columns["time"].factor * units.times(row)
+        file_s = columns["time"].factor * units.extent()
+        observed = _observed(file, columns, units, row, spikes)
+        observed = without(observed, _invalid(file, columns, np.append(file_s, observed[np.isfinite(observed)])))
+        of_run = uid != "" and file.text("identifier").endswith(uid)
+        pulses, stated, notes = _pulses(file, columns, required=not of_run)
         pulse_s, end_s = (columns["sync"].factor * np.sort(one) for one in (pulses.begin, pulses.end))
         which = f"unit {units.ids[row]}, row {row + 1} of {len(units.ids)}"
-        read_as = f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}, {which}."
         return UnitSpikes(
+            path,
+            unit,
             spikes,
             pulse_s,
             observed,
             of_run=of_run,
             stated=stated,
-            notes=(*notes, *units.unread(file, row, columns["observed"].name)),
+            notes=(*notes, *units.unread(row, columns["observed"].name)),
             end_s=end_s,
             line=pulses.line,
-            read_as=read_as,
-            file_s=columns["time"].factor * units.extent(),
+            read_as=f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}, {which}.",
+            file_s=file_s,
         )
 
 
 @contextmanager
 def _damage_in_one_line(path: Path) -> Iterator[None]:
-    """Raise RecordingError for any error that a damaged HDF5 file causes."""
+    """Raise RecordingError for any error that a file which cannot be opened, or a damaged one, causes."""
+    try:
+        open_file(path).close()  # for its checks
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror or error}", "unreadable") from None
     try:
         yield
     except RecordingError:
@@ -99,52 +100,45 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: this NWB file (HDF5) is damaged: {reason}", "damaged_hdf5") from None
 
 
-_LONGEST_S = 86_400.0
-_FARTHEST = 100.0
-"""Ratio of times beyond which the later ones are in another unit."""
-
-
 class _Units(NamedTuple):
     """The table of units: the column of times, ids, and the datasets of the times and of their ends."""
 
-    path: Path
+    file: Hdf5File
     column: str
     ids: list[str]
     all_times: h5py.Dataset
     ends: h5py.Dataset
 
     @classmethod
-    def of(cls, file: h5py.File, path: Path, columns: ColumnMap) -> "_Units":
+    def of(cls, file: Hdf5File, columns: ColumnMap) -> "_Units":
         name = columns["time"].name if "time" in columns.named else _TIMES
-        wanted = (name, f"{name}_index", "id")
-        found = [numbers_in(file, path, f"units/{column}") for column in wanted]
-        if any(one is None for one in found):
+        times, ends, numbers = (file.numbers(f"units/{column}") for column in (name, f"{name}_index", "id"))
+        if times is None or ends is None or numbers is None:
             raise RecordingError(
-                f"{path}: no spike times; the file must have a table units with a column {name} (and {name}_index "
-                "and id)",
+                f"{file.path}: no spike times; the file must have a table units with a column {name} (and "
+                f"{name}_index and id)",
                 "no_spike_times",
             )
-        times, ends, numbers = (one for one in found if one is not None)
-        ids = [str(number) for number in values_of(numbers, path, most=_MOST_UNITS)]
+        ids = [str(number) for number in file.values(numbers, most=_MOST_UNITS)]
         if len(ends) != len(ids):
             raise RecordingError(
-                f"{path}: units/{name}_index has {len(ends)} values, but units/id has {len(ids)}",
+                f"{file.path}: units/{name}_index has {len(ends)} values, but units/id has {len(ids)}",
                 "not_one_end_a_unit",
             )
-        return cls(path, name, ids, times, ends)
+        return cls(file, name, ids, times, ends)
 
-    def row_of(self, file: h5py.File, unit: str) -> int:
+    def row_of(self, unit: str) -> int:
         """Return the row of a unit by its id or a text of its row, "COLUMN=TEXT", or "row=NUMBER" from 1.
 
         Raises RecordingError.
         """
         if unit == "" and len(self.ids) == 1:
             return 0
-        labels = self._labels(file)
+        labels = self._labels()
         column, equals, text = unit.partition("=")
         if equals and column == _ROW:
             found = [n for n in range(len(self.ids)) if str(n + 1) == text]
-        elif equals and (texts := labels.get(column) or self._whole_numbers(file, column)):
+        elif equals and (texts := labels.get(column) or self._whole_numbers(column)):
             found = [n for n, one in enumerate(texts) if one == text]
         else:
             found = [n for n in range(len(self.ids)) if any(texts[n] == unit for texts in labels.values())]
@@ -154,53 +148,56 @@ class _Units(NamedTuple):
         listed = found if several else range(len(self.ids))
         each = [self._described(labels, n, several) for n in list(listed)[:_MOST_LISTED]]
         between = "; " if any(":" in one for one in each) else ", "
-        known = f"there is no unit {unit}" if unit else f"{len(self.ids)} units"
-        known = f"several units are called {unit}" if several else known
-        known += f"; rows count from 1 to {len(self.ids)}" if equals and column == _ROW else ""
         ids = between.join(each) + f"{between}…" * (len(listed) > _MOST_LISTED)
-        raise RecordingError(
-            f"{self.path}: {known}; use SHAPE={self.path.name}#UNIT with UNIT one of {ids}",
-            "unit_twice" if several else "no_unit" if unit else "several_units",
-        )
+        if several:
+            raise RecordingError(
+                f"{self.file.path}: several units are called {unit}; use SHAPE={self.file.path.name}#UNIT with UNIT "
+                f"one of {ids}",
+                "unit_twice",
+            )
+        rows = f"row=1 to row={len(self.ids)}{between}" if equals and column == _ROW else ""
+        raise no_such_unit(self.file.path, unit, f"{len(self.ids)} units", f"{rows}{ids}")
 
-    def _labels(self, file: h5py.File) -> dict[str, list[str]]:
+    def _labels(self) -> dict[str, list[str]]:
         """Return the ids and the texts of all units by column, the names of the units first."""
         found = {"id": self.ids}
-        for column in sorted(members(file, self.path, "units"), key=lambda one: (one not in _NAMES, one)):
-            texts = texts_in(file, self.path, f"units/{column}")
+        for column in sorted(self.file.members("units"), key=lambda one: (one not in _NAMES, one)):
+            texts = self.file.texts(f"units/{column}")
             if texts is not None and len(texts) == len(self.ids):
                 found[column] = texts
         return found
 
-    def _whole_numbers(self, file: h5py.File, column: str) -> list[str]:
-        """Return the whole numbers of all units in a column as texts; none without such a column."""
-        found = dataset_at(file, self.path, f"units/{column}")
-        if found is None or found.dtype.kind not in "iu" or found.shape not in ((len(self.ids),), (len(self.ids), 1)):
-            return []
-        return [str(number) for number in values_of(found, self.path).ravel().tolist()]
+    def _plain(self, column: str, kinds: str) -> h5py.Dataset | None:
+        """Return a column with one value for each unit, of some kinds of values; None for others."""
+        found = self.file.dataset(f"units/{column}")
+        shapes = (len(self.ids),), (len(self.ids), 1)
+        return found if found is not None and found.dtype.kind in kinds and found.shape in shapes else None
 
-    def unread(self, file: h5py.File, row: int, observed: str) -> list[str]:
+    def _whole_numbers(self, column: str) -> list[str]:
+        """Return the whole numbers of all units in a column as texts; none without such a column."""
+        found = self._plain(column, "iu")
+        return [] if found is None else [str(number) for number in self.file.values(found).ravel().tolist()]
+
+    def unread(self, row: int, observed: str) -> list[str]:
         """Return a sentence on the values of a unit that are not read and may say that it does not count."""
-        every = members(file, self.path, "units")
+        every = self.file.members("units")
         read = {self.column, observed, "id", *_NAMES[:2]}
         ragged = {name.removesuffix("_index") for name in every if name.endswith("_index")}
         each = (name for name in every if name.removesuffix("_index") not in read | ragged)
-        said = [f"{name} = {value}" for name in each if (value := self._value(file, name, row)) is not None]
+        said = [f"{name} = {value}" for name in each if (value := self._value(name, row)) is not None]
         more = f" and {len(said) - _MOST_LISTED} more" * (len(said) > _MOST_LISTED)
         return [f"Columns of the unit that are not read: {', '.join(said[:_MOST_LISTED])}{more}. If they say that it "
                 "does not count, choose another unit."] if said else []  # fmt: skip
 
-    def _value(self, file: h5py.File, column: str, row: int) -> str | None:
+    def _value(self, column: str, row: int) -> str | None:
         """Return the text, truth value or number of a unit in a column as text; None in another kind of column."""
-        place = f"units/{column}"
-        texts = texts_in(file, self.path, place)
+        texts = self.file.texts(f"units/{column}")
         if texts is not None:
             return texts[row] if len(texts) == len(self.ids) else None
-        found = dataset_at(file, self.path, place)
-        shapes = (len(self.ids),), (len(self.ids), 1)
-        if found is None or found.dtype.kind not in "iufb" or found.shape not in shapes:
+        found = self._plain(column, "iufb")
+        if found is None:
             return None
-        value = values_of(found, self.path, row, row + 1)[0].item()
+        value = self.file.values(found, row, row + 1)[0].item()
         return f"{value:g}" if isinstance(value, float) else str(value)
 
     def _described(self, labels: dict[str, list[str]], row: int, several: bool) -> str:
@@ -212,107 +209,98 @@ class _Units(NamedTuple):
         alone = (f"{column}={texts[row]}" for column, texts in labels.items() if texts.count(texts[row]) == 1)
         return f"{shown}: #{next(alone, f'{_ROW}={row + 1}')}"
 
-    def times(self, file: h5py.File, row: int) -> Array:
+    def times(self, row: int) -> Array:
         """Return the spike times of a row in the unit of the file. Raises RecordingError."""
-        begin, end = _bounds(self.ends, self.path, self.column, row, len(self.all_times), len(self.ids))
-        return _numbers(
-            values_of(self.all_times, self.path, begin, end), self.path, f"unit {self.ids[row]}, column {self.column}"
-        )
+        name = f"unit {self.ids[row]}, column {self.column}"
+        return self.file.times(self.all_times, *self.bounds(self.ends, self.column, row, len(self.all_times)), name)
+
+    def bounds(self, ends: h5py.Dataset, column: str, row: int, values: int) -> tuple[int, int]:
+        """Return where the values of a unit begin and end in a column of so many."""
+        at = [0, *self.file.times(ends).tolist()]
+        if ends.dtype.kind not in "iu" or (np.diff(at) < 0).any() or at[-1] != values:
+            raise self.file.refused(
+                f"units/{column}_index",
+                "wrong_index",
+                f"must rise to {values}, the length of {column}, with a number for each of {len(self.ids)} units, "
+                f"but ends at {at[-1]:g}",
+            )
+        return int(at[row]), int(at[row + 1])
 
     def extent(self) -> Array:
         """Return the first and the last spike times of parts of the column, of all units, in the unit of the file."""
         parts = (slice(at, at + _AT_ONCE) for at in range(0, len(self.all_times), _AT_ONCE))
-        each = (part_of(self.all_times, self.path, part).ravel() for part in parts)
+        each = (self.file.part(self.all_times, part).ravel() for part in parts)
         return extent(*(some.astype(float) for some in each if some.dtype.kind in "iuf"))
 
 
-def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, units: int) -> tuple[int, int]:
-    last = _numbers(values_of(ends, path), path, f"units/{column}_index")
-    at = [0, *last.tolist()]
-    if ends.dtype.kind not in "iu" or (np.diff(at) < 0).any() or at[-1] != values:
-        raise RecordingError(
-            f"{path}, units/{column}_index: must rise to {values}, the length of {column}, with a number for each of "
-            f"{units} units, but ends at {at[-1]:g}",
-            "wrong_index",
-        )
-    begin, end = (int(place) for place in [0, *last.tolist()][row : row + 2])
-    return begin, end
-
-
-def _observed(file: h5py.File, path: Path, columns: ColumnMap, units: _Units, row: int, spike_s: Array) -> Array:
+def _observed(file: Hdf5File, columns: ColumnMap, units: _Units, row: int, spike_s: Array) -> Array:
     """Return the intervals (n, 2) in which a unit was observed, in s; infinite if the file states none."""
-    column = columns["observed"]
+    named = "observed" in columns.named and not columns.observed_throughout
+    column = columns["observed"] if named else RecordingColumn(role_name("observed"))
     place = f"units/{column.name}"
-    found = THROUGHOUT
-    if columns.observed_throughout:
-        place = "units/obs_intervals"
-    is_there = not {place, f"{place}_index"}.isdisjoint(f"units/{name}" for name in members(file, path, "units"))
-    if is_there or ("observed" in columns.named and not columns.observed_throughout):
-        intervals, ends = numbers_in(file, path, place, columns=2), numbers_in(file, path, f"{place}_index")
-        if intervals is None or ends is None or len(ends) != len(units.ids):
-            raise RecordingError(
-                f"{path}, {place}: must be intervals (n × 2) with an index {place}_index of {len(units.ids)} units",
-                "bad_obs_intervals",
-            )
-        begin, end = _bounds(ends, path, column.name, row, len(intervals), len(units.ids))
-        spans = column.factor * _numbers(values_of(intervals, path, begin, end), path, place)
-        _refuse_backwards(path, place, spans)
-        found = union(spans)
-        if len(found) and float(found[-1, 1] - found[0, 0]) > _LONGEST_S:
-            raise RecordingError(
-                f"{path}, {place}: {float(found[0, 0]):g} to {float(found[-1, 1]):g} s are longer than a day; if "
-                f"they are in ms, use --columns observed={column.name}:ms",
-                "beyond_a_finger",
-            )
-        inside = sum(int(np.count_nonzero((spike_s >= a) & (spike_s <= b))) for a, b in found.tolist())
-        if len(found) and 2 * inside < len(spike_s):
-            raise RecordingError(
-                f"{path}: only {inside} of {len(spike_s)} spikes of unit {units.ids[row]} ({spike_s.min():g} to "
-                f"{spike_s.max():g} s) lie in its {column.name}, {float(found[0, 0]):g} to "
-                f"{float(found[-1, 1]):g} s, and all should; if one of the two is in ms, state it, e.g. --columns "
-                f"observed={column.name}:ms or --columns time={units.column}:ms",
-                "spikes_outside_observed",
-            )
-    invalid = _invalid(file, path)
-    if invalid is None:
-        return found
-    every_s = columns["time"].factor * _numbers(values_of(units.all_times, path), path, f"units/{units.column}")
-    _refuse_another_unit(path, invalid, np.concatenate([every_s, found[np.isfinite(found)]]))
-    return without(found, invalid)
-
-
-def _refuse_another_unit(path: Path, invalid: Array, times_s: Array) -> None:
-    """Refuse intervals that end after a day, or long after the other times of the file (s)."""
-    ends_s = invalid[np.isfinite(invalid)]
-    last_s = float(np.abs(times_s).max(initial=0.0))
-    if len(ends_s) and ends_s.max() > min(_LONGEST_S, _FARTHEST * last_s or _LONGEST_S):
+    if not named and {column.name, f"{column.name}_index"}.isdisjoint(file.members("units")):
+        return THROUGHOUT
+    intervals, ends = file.numbers(place, columns=2), file.numbers(f"{place}_index")
+    if intervals is None or ends is None or len(ends) != len(units.ids):
+        problem = f"must be intervals (n × 2) with an index {place}_index of {len(units.ids)} units"
+        raise file.refused(place, "bad_obs_intervals", problem)
+    spans = file.times(intervals, *units.bounds(ends, column.name, row, len(intervals)))
+    found = _intervals_s(file, place, "observed", column, spans)
+    inside = int(np.count_nonzero(are_inside(found, spike_s)))
+    if len(found) and 2 * inside < len(spike_s):
         raise RecordingError(
-            f"{path}, intervals/invalid_times: end at {ends_s.max():g} s, and the last time of a unit is "
-            f"{last_s:g} s; write them in s, also if the spikes are in ms",
-            "beyond_a_finger",
+            f"{file.path}: only {inside} of {len(spike_s)} spikes of unit {units.ids[row]} ({spike_s.min():g} to "
+            f"{spike_s.max():g} s) lie in its {column.name}, {float(found[0, 0]):g} to {float(found[-1, 1]):g} s, "
+            f"and all should; if one of the two is in ms, state it, e.g. --columns observed={column.name}:ms or "
+            f"--columns time={units.column}:ms",
+            "spikes_outside_observed",
         )
+    return found
 
 
-def _invalid(file: h5py.File, path: Path) -> Array | None:
-    """Return the intervals (n, 2) of the table invalid_times, in s; None without such a table."""
-    places = ("intervals/invalid_times/start_time", "intervals/invalid_times/stop_time")
-    if "invalid_times" not in members(file, path, "intervals"):
-        return None
-    begin, end = (numbers_in(file, path, place) for place in places)
-    if begin is None or end is None or len(begin) != len(end):
-        raise RecordingError(
-            f"{path}, intervals/invalid_times: must have as many start_time as stop_time", "bad_invalid_times"
-        )
-    spans = np.column_stack(
-        [_numbers(values_of(one, path), path, place) for one, place in zip((begin, end), places, strict=True)]
-    )
-    _refuse_backwards(path, "intervals/invalid_times", spans)
-    return union(spans)
+def _invalid(file: Hdf5File, columns: ColumnMap, others_s: Array) -> Array:
+    """Return the intervals (n, 2) of the table invalid_times, in s; none without such a table.
+
+    `others_s` are other times of the file.
+    """
+    column = columns["invalid"]
+    place = f"intervals/{column.name}"
+    if column.name not in file.members("intervals") and "invalid" not in columns.named:
+        return np.empty((0, 2))
+    ends = [file.numbers(f"{place}/{end}") for end in ("start_time", "stop_time")]
+    each = [file.times(one) for one in ends if one is not None]
+    if len(each) < len(ends) or len(each[0]) != len(each[1]):
+        raise file.refused(place, "bad_invalid_times", "must have as many start_time as stop_time")
+    return _intervals_s(file, place, "invalid", column, np.column_stack(each), float(others_s.max(initial=0.0)))
 
 
-def _refuse_backwards(path: Path, place: str, spans: Array) -> None:
+def _intervals_s(
+    file: Hdf5File, place: str, role: str, column: RecordingColumn, spans: Array, last_s: float = np.inf
+) -> Array:
+    """Return intervals (n, 2) in s; refuse those that end before they begin, or seem to be in another unit.
+
+    They do if they reach over a day, or end long after the last other time of the file, unless their unit is stated.
+    """
     if (spans[:, 1] < spans[:, 0]).any():
-        raise RecordingError(f"{path}, {place}: an interval ends before it begins", "backwards")
+        raise file.refused(place, "backwards", "an interval ends before it begins")
+    found = union(column.factor * spans)
+    finite = found[np.isfinite(found)]
+    too_long = len(finite) and np.ptp(finite) > _LONGEST_S
+    too_late = len(finite) and finite.max() > _FARTHEST * last_s > 0
+    if (too_long or too_late) and not column.stated:
+        reason = "are longer than a day" if too_long else f"end long after the last time of a unit, {last_s:g} s"
+        raise file.refused(
+            place,
+            "beyond_a_finger",
+            f"{finite.min():g} to {finite.max():g} s {reason}; if they are in ms, use --columns "
+            f"{role}={column.name}:ms (in s: {column.name}:s)",
+        )
+    return found
+
+
+_LONGEST_S = 86_400.0
+_FARTHEST = 100.0
+"""Ratio of times beyond which the later ones are in another unit."""
 
 
 class _Candidate(NamedTuple):
@@ -333,7 +321,6 @@ class _Candidate(NamedTuple):
         return f"{self.name if usual else self.place} ({number_of(self.size, self.kind)})"
 
 
-_NO_INTERVALS = ("invalid_times",)
 _WHERE = ("acquisition", "stimulus", "processing", "events", "analysis", "scratch")
 _DEEPEST = 3
 _TELLING = {
@@ -345,82 +332,34 @@ _TELLING = {
 """Datasets of a group by which its kind is told; the first has the times, or is as long."""
 
 
-def _candidates(file: h5py.File, path: Path) -> list[_Candidate]:
-    """Return all tables of intervals and series of a file that have times, sampled or not."""
+def _candidates(file: Hdf5File, invalid: str) -> list[_Candidate]:
+    """Return all tables of intervals but the `invalid` ones, and series that have times, sampled or not."""
     found = [
         _Candidate(f"intervals/{name}", "intervals", size)
-        for name in members(file, path, "intervals")
-        if name not in _NO_INTERVALS and (size := rows_of(file, path, f"intervals/{name}/start_time")) is not None
+        for name in file.members("intervals")
+        if name != invalid and (size := file.rows(f"intervals/{name}/start_time")) is not None
     ]
     places = [(where, 0) for where in _WHERE]
     while places:
         place, depth = places.pop(0)
-        inside = members(file, path, place)
+        inside = file.members(place)
         has = next((kind for kind, names in _TELLING.items() if all(name in inside for name in names)), None)
         if has is not None:
-            size = rows_of(file, path, f"{place}/{_TELLING[has][0]}")
+            size = file.rows(f"{place}/{_TELLING[has][0]}")
             found += [] if size is None else [_Candidate(place, has, size)]
         elif depth <= _DEEPEST:
             places += [(f"{place}/{name}", depth + 1) for name in inside]
     return found
 
 
-def _may_be_pulses(file: h5py.File, path: Path, one: _Candidate) -> bool:
+def _may_be_pulses(file: Hdf5File, one: _Candidate) -> bool:
     """Return whether something looks like pulses, although it is not called so: no measured signal does."""
     if one.kind in ("intervals", "times") or called_like_pulses(one.place):
         return True
     if one.kind != "events":
         return False
-    data = dataset_at(file, path, f"{one.place}/data")
+    data = file.dataset(f"{one.place}/data")
     return data is None or data.dtype.kind in "iubSO"
-
-
-def _pulses(
-    file: h5py.File, path: Path, columns: ColumnMap, *, required: bool
-) -> tuple["_Pulses", bool, tuple[str, ...]]:
-    """Return the pulses, whether the user states that there are none, and notes.
-
-    Without `required`, something that may be pulses by another name is not.
-    """
-    name, named = columns["sync"].name, "sync" in columns.named
-    if named and name == NO_PULSES:
-        return _Pulses(np.empty(0)), True, _unused(file, path, _candidates(file, path))
-    every = _candidates(file, path)
-    meant = [one for one in every if name in (one.place, one.name)]
-    if len(meant) == 1:
-        return _edges(file, path, meant[0]), False, _unused(file, path, every, meant[0])
-    likely = [one for one in every if _may_be_pulses(file, path, one)]
-    if not (meant or named or (likely and required)):
-        return _Pulses(np.empty(0)), False, ()
-    listed = [one.place if meant else str(one) for one in meant or likely or every][:_MOST_LISTED]
-    held = ", ".join(listed) or "nothing that has times"
-    problem = (
-        f"several series are called {name}: {held}"
-        if meant
-        else f"there are no sync pulses {name}: {held}"
-        if named
-        else f"there are no sync pulses {name}, but there is {held}"
-    )
-    raise RecordingError(
-        f"{path}: {problem}; use --columns sync=NAME for the pulses, or sync=none if times are those of the run's "
-        "journal (t_s)",
-        "pulses_twice" if meant else "no_pulses" if named else "unknown_pulses",
-    )
-
-
-def _unused(
-    file: h5py.File, path: Path, every: list[_Candidate], pulses: _Candidate | None = None
-) -> tuple[str, ...]:
-    """Return a sentence on the intervals that are not the pulses, with tags, and columns that may reject some."""
-    others = [one for one in every if one.kind == "intervals" and one is not pulses][:_MOST_LISTED]
-    held = [f"{one.name} ({', '.join([number_of(one.size, one.kind), *_about(file, path, one)])})" for one in others]
-    return (NOT_USED.format(joined(held)),) if held else ()
-
-
-def _about(file: h5py.File, path: Path, one: _Candidate) -> list[str]:
-    columns = [name for name in members(file, path, one.place) if REJECTING.search(name)]
-    tags = sorted(set(texts_in(file, path, f"{one.place}/tags") or []))
-    return [*(f"column {name}" for name in columns), *tags][:_MOST_LISTED]
 
 
 class _Pulses(NamedTuple):
@@ -431,32 +370,71 @@ class _Pulses(NamedTuple):
     line: bool = False
 
 
-def _edges(file: h5py.File, path: Path, one: _Candidate) -> _Pulses:
-    if one.kind in ("intervals", "times"):
-        stop = f"{one.place}/stop_time"
-        end = _times(file, path, stop) if rows_of(file, path, stop) is not None else np.empty(0)
-        return _Pulses(_times(file, path, f"{one.place}/{_TELLING[one.kind][0]}"), end[np.isfinite(end)])
+def _pulses(file: Hdf5File, columns: ColumnMap, *, required: bool) -> tuple[_Pulses, bool, tuple[str, ...]]:
+    """Return the pulses, whether the user states that there are none, and notes.
+
+    Without `required`, something that may be pulses by another name is not.
+    """
+    name, named = columns["sync"].name, "sync" in columns.named
+    every = _candidates(file, columns["invalid"].name)
+    if named and name == NO_PULSES:
+        return _Pulses(np.empty(0)), True, _unused(file, every)
+    meant = [one for one in every if name in (one.place, one.name)]
+    if len(meant) == 1:
+        return _edges(file, meant[0]), False, _unused(file, [one for one in every if one is not meant[0]])
+    likely = [one for one in every if _may_be_pulses(file, one)]
+    if not (meant or named or (likely and required)):
+        return _Pulses(np.empty(0)), False, ()
+    listed = [one.place if meant else str(one) for one in meant or likely or every][:_MOST_LISTED]
+    held = ", ".join(listed) or "nothing that has times"
+    problem, code = (
+        f"there are no sync pulses {name}, but there is {held}",
+        "no_pulses" if named else "unknown_pulses",
+    )
+    if meant:
+        problem, code = f"several series are called {name}: {held}", "pulses_twice"
+    raise RecordingError(
+        f"{file.path}: {problem}; use --columns sync=NAME for the pulses, or sync=none if times are those of the "
+        "run's journal (t_s)",
+        code,
+    )
+
+
+def _unused(file: Hdf5File, others: Sequence[_Candidate]) -> tuple[str, ...]:
+    """Return a sentence on the intervals that are not the pulses, with tags, and columns that may reject some."""
+    held = []
+    for one in [one for one in others if one.kind == "intervals"][:_MOST_LISTED]:
+        rejecting = [f"column {name}" for name in file.members(one.place) if REJECTING.search(name)]
+        about = [*rejecting, *sorted(set(file.texts(f"{one.place}/tags") or []))][:_MOST_LISTED]
+        held.append(f"{one.name} ({', '.join([number_of(one.size, one.kind), *about])})")
+    return (NOT_USED.format(joined(held)),) if held else ()
+
+
+def _edges(file: Hdf5File, one: _Candidate) -> _Pulses:
     if one.kind == "events":
-        return _edges_of_events(file, path, one.place)
-    return _edges_of_samples(file, path, one.place)
+        return _edges_of_events(file, one.place)
+    if one.kind == "samples":
+        return _edges_of_samples(file, one.place)
+    stop = f"{one.place}/stop_time"
+    end = _times(file, stop) if file.rows(stop) is not None else np.empty(0)
+    return _Pulses(_times(file, f"{one.place}/{_TELLING[one.kind][0]}"), end)
 
 
-def _times(file: h5py.File, path: Path, place: str) -> Array:
-    found = numbers_in(file, path, place)
+def _times(file: Hdf5File, place: str) -> Array:
+    found = file.numbers(place)
     assert found is not None
-    return _numbers(values_of(found, path), path, place)
+    return file.times(found, name=place)
 
 
-def _edges_of_events(file: h5py.File, path: Path, place: str) -> _Pulses:
+def _edges_of_events(file: Hdf5File, place: str) -> _Pulses:
     """Return the times of events; if their data have two levels, of the first events at each.
 
     Data with labels are numbers of lines, not levels: the pulses are then found among all events.
     """
-    times = _times(file, path, f"{place}/timestamps")
-    data = dataset_at(file, path, f"{place}/data")
+    times, data = _times(file, f"{place}/timestamps"), file.dataset(f"{place}/data")
     if data is None or data.dtype.kind not in "iufb" or data.shape != times.shape:
         return _Pulses(times)
-    values = np.asarray(values_of(data, path), dtype=float)
+    values = np.asarray(file.values(data), dtype=float)
     levels = np.unique(values)
     if len(levels) != _TWO or "labels" in data.attrs:
         return _Pulses(times)
@@ -464,39 +442,24 @@ def _edges_of_events(file: h5py.File, path: Path, place: str) -> _Pulses:
     return _Pulses(times[up], times[down], True)
 
 
-def _edges_of_samples(file: h5py.File, path: Path, place: str) -> _Pulses:
+def _edges_of_samples(file: Hdf5File, place: str) -> _Pulses:
     """Return the times at which a sampled line rises beyond the middle of its range, and falls below it."""
-    data, start = numbers_in(file, path, f"{place}/data"), dataset_at(file, path, f"{place}/starting_time")
-    rate_hz = attribute_of(file, path, f"{place}/starting_time", "rate")
+    data, start = file.numbers(f"{place}/data"), file.dataset(f"{place}/starting_time")
+    rate_hz = file.attribute(f"{place}/starting_time", "rate")
     if data is None or start is None or rate_hz is None or not 0 < rate_hz < np.inf or len(data) > _MOST_SAMPLES:
-        raise RecordingError(
-            f"{path}, {place}: must be one column of at most {_MOST_SAMPLES} samples, with the rate of sampling "
-            "in starting_time",
+        raise file.refused(
+            place,
             "no_line",
+            f"must be one column of at most {_MOST_SAMPLES} samples, with the rate of sampling in starting_time",
         )
     parts = [slice(at, at + _AT_ONCE) for at in range(0, len(data), _AT_ONCE)]
-    read = (part_of(data, path, part).ravel() for part in parts)
+    read = (file.part(data, part).ravel() for part in parts)
     ends = np.array([(part.min(), part.max()) for part in read], dtype=float).reshape(-1, 2)
     low, high = (float(ends[:, 0].min()), float(ends[:, 1].max())) if len(ends) else (0.0, 0.0)
     up, down, before = [np.empty(0)], [np.empty(0)], None
     for part in parts if high > low else ():
-        values, middle = part_of(data, path, part).ravel(), (low + high) / 2
-        for every, some in zip((up, down), edges(values, middle, before), strict=True):
+        values = file.part(data, part).ravel()
+        for every, some in zip((up, down), edges(values, (low + high) / 2, before), strict=True):
             every.append((part.start + some) / rate_hz)
-        before = bool(values[-1] > middle)
+        before = bool(values[-1] > (low + high) / 2)
     return _Pulses(float(start[()]) + np.concatenate(up), float(start[()]) + np.concatenate(down), True)
-
-
-def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
-    try:
-        if values.dtype.kind in "SO":
-            each = (one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel().tolist())
-            times = np.array([read_number(one) for one in each], dtype=np.float64).reshape(values.shape)
-        else:
-            times = np.asarray(values if values.dtype.kind in "iuf" else [None], dtype=np.float64)
-    except (ValueError, TypeError):
-        raise RecordingError(
-            f"{path}, {dataset}: the values have type {values.dtype}; they must be times as numbers", "no_numbers"
-        ) from None
-    finite_times(path, dataset, times.ravel())
-    return times

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.column_units import MOST_RATE
 from rig.compare.recordings.spike_times import SpikeClock
 from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
@@ -161,6 +162,17 @@ def _without_copies(found: Recording) -> Recording:
     return replace(
         found, repeats=tuple(rates[:1] for rates in found.repeats), sd=sd, read_as=f"{found.read_as} {text}".strip()
     )
+
+
+def refuse_impossible_rate(path: Path, found: Recording) -> None:
+    """Refuse counts that no afferent fires. Raises RecordingError."""
+    most = max(float(rates.max()) for rates in found.repeats)
+    if found.window_s is not None and most > MOST_RATE:
+        raise RecordingError(
+            f"{path}: {most * found.window_s:g} spikes in {found.window_s:g} s are {most:g} in 1 s, at most "
+            f"{MOST_RATE:g} are possible; check the unit of time",
+            "beyond_a_finger",
+        )
 
 
 _SAME = 1e-6

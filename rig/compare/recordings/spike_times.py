@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.compare.exceptions import RecordingError
 
 Array = NDArray[np.float64]
 
@@ -38,17 +41,20 @@ _UNTOLD = SpikeClock(
 
 @dataclass(frozen=True)
 class UnitSpikes:
-    """Content of a file on one unit, in s of the file's clock.
+    """What a file has of one unit, in s of the file's clock: every reader returns it.
 
-    Spikes are in the order of the file; pulses ascend. `pulse_s` are the rises of the pulses, or all edges if the
-    file does not tell them apart; `end_s` are their falls, and `line` is whether both are of a line with two levels.
-    `observed_s` (n, 2) are the intervals in which the file says that the unit was observed, infinite where it does
-    not say when they begin or end; `throughout` is whether the user states that these reach over the whole run.
-    `of_run` is whether the file was exported from the run; `stated` is whether the user states that there are no
-    pulses. `file_s` are times at which the file recorded anything, as the first and last spike of its other units.
-    `notes` are sentences for the page, and `read_as` says what was read, in which unit.
+    `unit` is the name by which it was chosen, "" for the only one. Spikes are in the order of the file; pulses
+    ascend. `pulse_s` are the rises of the pulses, or all edges if the file does not tell them apart; `end_s` are
+    their falls, and `line` is whether both are of a line with two levels. `observed_s` (n, 2) are the intervals in
+    which the file says that the unit was observed, infinite where it does not say when they begin or end;
+    `throughout` is whether the user states that these reach over the whole run. `of_run` is whether the file was
+    exported from the run; `stated` is whether the user states that there are no pulses. `file_s` are times at which
+    the file recorded anything, as the first and last spike of its other units. `notes` are sentences for the page,
+    and `read_as` says what was read, in which unit.
     """
 
+    path: Path
+    unit: str
     spike_s: Array
     pulse_s: Array
     observed_s: Array = field(default_factory=THROUGHOUT.copy)
@@ -60,6 +66,15 @@ class UnitSpikes:
     line: bool = False
     read_as: str = ""
     file_s: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def where(self) -> str:
+        """The file and the unit that was chosen."""
+        return f"{self.path}#{self.unit}" if self.unit else str(self.path)
+
+    def noted(self, *notes: str) -> "UnitSpikes":
+        """Return the spikes with more sentences; empty ones do not count."""
+        return replace(self, notes=(*self.notes, *filter(None, notes)))
 
 
 @dataclass(frozen=True)
@@ -127,6 +142,12 @@ def _at(time_s: float) -> str:
     return f"{time_s:.1f} s" if np.isfinite(time_s) else "the start" if time_s < 0 else "the end"
 
 
+def are_inside(spans: Array, times: Array) -> NDArray[np.bool_]:
+    """Return whether times (m,) lie in intervals (n, 2), ends included."""
+    first, last = union(spans).T
+    return np.searchsorted(first, times, side="right") > np.searchsorted(last, times, side="left")
+
+
 def extent(*times_s: Array) -> Array:
     """Return the first and the last of some times, none of none; times that are no numbers do not count."""
     finite = [some[np.isfinite(some)] for some in times_s]
@@ -169,3 +190,17 @@ NOT_USED = (
 def joined(words: Sequence[str]) -> str:
     """Return words with commas, and "and" before the last."""
     return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)
+
+
+def no_such_unit(path: Path, unit: str, units: str, choices: str, file: str = "") -> RecordingError:
+    """Return the error for a unit that is not there, or for a choice that is missing among several `units`."""
+    problem = f"there is no unit {unit}" if unit else units
+    return RecordingError(
+        f"{path}: {problem}; use SHAPE={file or path.name}#UNIT with UNIT one of {choices}",
+        "no_unit" if unit else "several_units",
+    )
+
+
+def no_observed(path: Path, name: str, problem: str) -> RecordingError:
+    """Return the error for a role `observed` that a file cannot have."""
+    return RecordingError(f"{path}: --columns observed={name} cannot be used: {problem}", "no_observed")

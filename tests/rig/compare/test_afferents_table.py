@@ -14,7 +14,7 @@ from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from tests.error_codes import raises
-from tests.rig.compare.test_every_kind_of_recording import TIMES, WINDOW_S, journal
+from tests.rig.compare.recording_files import TIMES, WINDOW_S, journal
 
 Make = Callable[..., StimulusRow]
 

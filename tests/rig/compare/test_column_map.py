@@ -51,7 +51,7 @@ def test_the_unit_of_rates_is_their_sd_s() -> None:
     assert column_map(["sd=s"])["sd"][:3] == ("s", "", 1.0)
 
 
-ROLES = "position, rate, sd, repeat, count, window, time, kind, unit, sync, observed, segment"
+ROLES = "position, rate, sd, repeat, count, window, time, kind, unit, sync, observed, invalid, segment"
 LENGTHS = "nm, um, mm, cm, m, in"
 RATES = "1/s, Hz, spikes/s, imp/s, 1/ms, 1/min, a.u."
 

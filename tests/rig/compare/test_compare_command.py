@@ -15,7 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from rig.cli import compare
-from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
+from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
 from rig.data import Run, RunFolder, read_run

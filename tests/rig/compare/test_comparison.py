@@ -11,7 +11,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.comparison_rows import best_pairs
 from rig.compare.exceptions import ComparisonError
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.recordings.spikes import LinearAfferent, afferent_for, record, write_synthetic
+from rig.compare.recordings.synthetic import LinearAfferent, afferent_for, record, write_synthetic
 from rig.compare.stimuli import StimulusRow
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises

@@ -16,33 +16,10 @@ from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
-from rig.data.folder import RunFolder
 from tests.error_codes import raises
-
-SPIKES = {-0.5: (2, 4), 0.0: (10, 14), 0.25: (6, 6), 1.0: (0, 1)}
-"""Counts of two presses at each place, in half a second."""
-
-WINDOW_S = 0.5
-PRESSES = [(x, count, number) for x, counts in SPIKES.items() for number, count in enumerate(counts)]
-STARTS = [10.0 * (n + 1) for n in range(len(PRESSES))]
-TIMES = [start + 0.01 * (k + 1) for start, (_, count, _) in zip(STARTS, PRESSES, strict=True) for k in range(count)]
-REPEAT = [f"{number}" for _, _, number in PRESSES]
+from tests.rig.compare.recording_files import PRESSES, REPEAT, SPIKES, TIMES, WINDOW_S, journal
 
 Cells = list[list[str]]
-
-
-def journal(folder: Path, presses: int = len(PRESSES)) -> Run:
-    """Of a bar at these places, each press held for 0.6 s."""
-    done = list(enumerate(zip(PRESSES, STARTS, strict=True)))[:presses]
-    what = {"indentor": "bar:3.0", "target": "doi_mm", "value": 1.0, "increments": 1}
-    events = {
-        "mount": [{"indentor": "bar:3.0"}],
-        "indentation_start": [{"index": n, "t_s": start - 2, "x_mm": p[0], **what} for n, (p, start) in done],
-        "hold_start": [{"index": n, "hold": 1, "t_s": start} for n, (_, start) in done],
-        "hold_end": [{"index": n, "hold": 1, "x_mm": p[0], "t_s": start + 0.6} for n, (p, start) in done],
-        "indentation_end": [{"index": n, "t_s": start + 1} for n, (_, start) in done],
-    }
-    return Run(RunFolder(folder), {}, None, {}, events, {}, 0.0, max(STARTS) + 0.6)
 
 
 @dataclass(frozen=True)
@@ -263,7 +240,13 @@ def test_a_name_that_no_file_is_read_by(kind: Kind, tmp_path: Path) -> None:
     role = "repeat" if kind.spikes else "kind"
     more = replace(kind, columns=(*kind.columns, f"{role}=other"))
     in_table = "count, position, repeat, window" if kind.window_s else "position, rate, repeat, sd"
-    used = "observed, sync, time" if kind.nwb else "kind, observed, sync, time, unit" if kind.spikes else in_table
+    used = (
+        "invalid, observed, sync, time"
+        if kind.nwb
+        else "kind, observed, sync, time, unit"
+        if kind.spikes
+        else in_table
+    )
     refused(more, tmp_path, "unused_column", role=role, column="other", roles=used)
 
 

@@ -28,23 +28,39 @@ def srp(tmp_path: Path) -> Path:
     return path
 
 
-def test_shapes_are_known_by_any_of_their_names(srp: Path) -> None:
-    found = read_recordings([f"bar:3.0={srp}"], [], [], Reading())
-    assert list(found) == ["bar:3"]
-    assert found["bar:3"].sha256 == hashlib.sha256(srp.read_bytes()).hexdigest()
+NAMED: dict[str, tuple[list[str], list[str], dict[str, tuple[str, ...]]]] = {
+    "a shape by another of its names": (["bar:3.0={srp}"], [], {"bar:3": ()}),
+    "a shape with an equals sign": (["bar:3.0,turn_deg=30={srp}"], [], {"bar:3,turn_deg=30": ()}),
+    "a file with an equals sign": (["bar:3.0={equals}"], [], {"bar:3": ()}),
+    "a depth": (["bar:3@0.50mm={srp}"], [], {"bar:3@0.5 mm": ()}),
+    "one mirrored": (["bar:3.0={srp}"], ["bar:3"], {"bar:3": ("mirrored",)}),
+    "one mirrored, named twice": (["bar:3.0={srp}"], ["bar:3", "bar:3"], {"bar:3": ("mirrored",)}),
+    "one of two forces mirrored": (
+        ["step:1@2.33gwt={srp}", "step:1@8 gwt={other}"], ["step:1@8gwt"],
+        {"step:1@2.33 gwt": (), "step:1@8 gwt": ("mirrored",)},
+    ),
+    "both forces mirrored": (
+        ["step:1@2.33gwt={srp}", "step:1@8 gwt={other}"], ["step:1"],
+        {"step:1@2.33 gwt": ("mirrored",), "step:1@8 gwt": ("mirrored",)},
+    ),
+}  # fmt: skip
+"""What is recorded and mirrored, and the recordings with what was done to them."""
 
 
-def test_mirrored_positions_are_negated(srp: Path) -> None:
-    found = read_recordings([f"bar:3.0={srp}"], ["bar:3"], [], Reading())["bar:3"]
-    np.testing.assert_array_equal(found.position_mm, [-0.4, -0.1, 0.2, 0.5])
-    np.testing.assert_array_equal(found.rate, [7, 3, 9, 1])
-    assert found.changes == ("mirrored",)
-
-
-def test_a_shape_named_twice_to_mirror_is_mirrored_once(srp: Path) -> None:
-    once, twice = (read_recordings([f"bar:3={srp}"], ["bar:3"] * n, [], Reading())["bar:3"] for n in (1, 2))
-    assert twice.position_mm.tolist() == once.position_mm.tolist()
-    assert twice.rate.tolist() == once.rate.tolist()
+@pytest.mark.parametrize("name", NAMED)
+def test_recordings_are_known_by_shape_and_condition_and_mirrored_where_named(name: str, srp: Path) -> None:
+    recorded, mirror, right = NAMED[name]
+    equals, other = srp.with_name("depth=1.csv"), srp.with_name("other.csv")
+    equals.write_bytes(srp.read_bytes())
+    other.write_text(srp.read_text(encoding="utf-8") + "9,1\n", encoding="utf-8")
+    texts = [text.format(srp=srp, equals=equals, other=other) for text in recorded]
+    found = read_recordings(texts, mirror, [], Reading())
+    assert {key: one.changes for key, one in found.items()} == right
+    if list(right) == ["bar:3"]:
+        turned = bool(mirror)
+        assert found["bar:3"].sha256 == hashlib.sha256(srp.read_bytes()).hexdigest()
+        assert found["bar:3"].position_mm.tolist() == ([-0.4, -0.1, 0.2, 0.5] if turned else [-0.5, -0.2, 0.1, 0.4])
+        assert found["bar:3"].rate.tolist() == ([7, 3, 9, 1] if turned else [1, 9, 3, 7])
 
 
 def test_spike_times_are_read_against_their_run(bar_run: Run, tmp_path: Path) -> None:
@@ -91,28 +107,6 @@ def test_an_sd_that_does_not_count_says_so(srp: Path, sd: str, other: str | None
     table.write_text(f"afferent,shape,file\n{rows}", encoding="utf-8")
     held: Any = [SimpleNamespace(shape=shape, condition="1 mm") for shape in ("step:1", "bar:3")]
     assert ("sd is not used" in read_afferents(table, [], [], held, Reading())["a1"]["step:1"].read_as) != used
-
-
-def test_a_shape_may_have_a_sign_of_equality_in_it(srp: Path) -> None:
-    found = read_recordings([f"bar:3.0,turn_deg=30={srp}"], [], [], Reading())
-    assert list(found) == ["bar:3,turn_deg=30"]
-
-
-def test_a_file_may_have_one_too(tmp_path: Path, srp: Path) -> None:
-    path = srp.rename(tmp_path / "depth=1.csv")
-    assert list(read_recordings([f"bar:3.0={path}"], [], [], Reading())) == ["bar:3"]
-
-
-def test_one_shape_at_several_forces(srp: Path) -> None:
-    other = srp.with_name("other.csv")
-    other.write_text(srp.read_text(encoding="utf-8") + "9,1\n", encoding="utf-8")
-    low, high = f"step:1@2.33gwt={srp}", f"step:1@8 gwt={other}"
-    found = read_recordings([low, high], ["step:1@8gwt"], [], Reading())
-    assert list(found) == ["step:1@2.33 gwt", "step:1@8 gwt"]
-    assert [one.changes for one in found.values()] == [(), ("mirrored",)]
-    both = read_recordings([low, high], ["step:1"], [], Reading())
-    assert [one.changes for one in both.values()] == [("mirrored",), ("mirrored",)]
-    assert list(read_recordings([f"bar:3@0.50mm={srp}"], [], [], Reading())) == ["bar:3@0.5 mm"]
 
 
 @pytest.mark.parametrize(

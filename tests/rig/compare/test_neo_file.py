@@ -25,7 +25,7 @@ from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording
 from rig.data import Run
 from tests.error_codes import raises
-from tests.rig.compare.test_every_kind_of_recording import SPIKES, STARTS, TIMES, WINDOW_S, journal
+from tests.rig.compare.recording_files import SPIKES, STARTS, TIMES, WINDOW_S, journal
 
 Array = NDArray[np.float64]
 

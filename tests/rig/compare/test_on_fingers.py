@@ -10,7 +10,7 @@ import pytest
 
 from rig.compare.exceptions import FingersError
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers
-from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
+from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
 from rig.data import Run
 from sim.config import FingertipConfig

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.reading import read_srp
+from rig.compare.recordings.presses_table import read_srp
 from rig.compare.recordings.recording import recording
 from tests.error_codes import raises
 
