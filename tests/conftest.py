@@ -157,7 +157,7 @@ OTHER_ATTACKS = (
 # Behind each stands the test that guards the same code in `make test`.
 # Of a large table, `@pytest.mark.quick(rows=lambda one, other: …)` says which rows stay in `make test`.
 STUDIES = (
-    "studies/test_strangers_are_met.py",  # rig/test_identification.py, studies/test_identification_study.py
+    "studies/test_identified_random_fingers.py",  # rig/test_identification.py, studies/test_identification_study.py
     # the other tests of the file
     "studies/test_source_facts.py::test_every_source_fact_recomputes_to_its_stored_value",
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
@@ -309,7 +309,7 @@ LONG = (
     "studies/test_fault_campaign.py",
     "test_site.py",
     "rig/test_find.py",
-    "studies/test_strangers_are_met.py",
+    "studies/test_identified_random_fingers.py",
     "sim/test_hard_cases.py",
     "rig/test_json_answers.py",
     "rig/compare/test_compare_command.py",
