@@ -71,6 +71,7 @@ def test_every_stored_verdict_follows_from_its_bound() -> None:
         assert stored in (verdict(bound, value), UNKNOWN), f"{page}: {claim}"
 
 
+@pytest.mark.study  # the other tests
 def test_every_source_fact_recomputes_to_its_stored_value() -> None:
     assert computed(ROWS, FingerAnswers()) == ROWS
 
