@@ -56,9 +56,7 @@ def test_a_protocol_on_a_real_wire(
     assert bench.statistics.requested > felt.count(b"S D") + felt.count(b"S S") > 40
 
 
-def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
-    rig: Rig, finger: Fingertip, tmp_path: Path
-) -> None:
+def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(rig: Rig, tmp_path: Path) -> None:
     config = tmp_path / "rig.toml"
     config.write_text('[stage]\nport = "/dev/ttyNOWHERE7"\n', encoding="utf-8")
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
@@ -68,7 +66,7 @@ def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
     assert not list((tmp_path / "runs").iterdir())
 
 
-def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path) -> None:
+def test_nobody_mounts(rig: Rig, apart: Apart, tmp_path: Path) -> None:
     _, _, config = apart
     ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs", "--json")
     assert (ended.code, ended.json["code"]) == (130, "nobody_answered")
