@@ -11,7 +11,7 @@ LOCKED ?= yes
 NEWEST ?= no
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: setup demo docs test compiled-tests test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses clients
+.PHONY: setup demo docs test suite compiled-tests test-portable test-studies panel-test shake check lint types check-platforms bench release-check clean lock check-wheels licenses clients
 
 setup: .venv/.ready
 
@@ -56,9 +56,13 @@ demo: setup
 docs: .venv/.ready-dev
 	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/site
 
-check: .venv/.ready-dev
+check: lint types
+
+lint: .venv/.ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: .venv/.ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -72,9 +76,11 @@ RUN_SUITE = $(BIN)/pytest -m "not study and not real_time" $(WORKERS) --duration
 	rest=$$?; \
 	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) $(BY_FILE) --durations=20 && exit $$rest
 
-# Tests are compiled beside the linters, which use one core: each worker would compile all of them.
-test: .venv/.ready-dev
-	$(MAKE) --no-print-directory -j2 check compiled-tests
+# Types are checked beside the suite, whose beginning and end leave a core idle. Tests are compiled once, not by each worker.
+test: lint
+	$(MAKE) --no-print-directory -j2 types suite
+
+suite: compiled-tests
 	$(RUN_SUITE)
 
 compiled-tests: .venv/.ready-dev
@@ -104,11 +110,9 @@ shake: .venv/.ready-dev
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies run --set bench
 
-docs test test-portable test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
+docs test suite test-portable test-studies shake: export OMP_NUM_THREADS = 1  # of each worker
 # Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.
-test test-portable test-studies shake: export PYTHONDONTWRITEBYTECODE =
-mutants: .venv/.ready-dev
-	$(BIN)/python -m studies.mutants --fresh
+test suite test-portable test-studies shake: export PYTHONDONTWRITEBYTECODE =
 
 lock:
 	$(PYTHON) -m studies.supply.lock $(if $(filter yes,$(NEWEST)),--newest)
@@ -123,4 +127,4 @@ release-check:
 	$(PYTHON) -m studies.release_check
 
 clean:
-	rm -rf .venv .mutants runs study build dist docs/gallery *.egg-info
+	rm -rf .venv runs study build dist docs/gallery *.egg-info

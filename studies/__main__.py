@@ -13,7 +13,6 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from rig.data.folder import replace_text
 from studies import registry
@@ -77,11 +76,10 @@ def run(study: Study) -> int:
 def _printed(command: str, threads: int | None) -> tuple[int, str]:
     """Run one command and pass on what it prints; return its exit code and its output."""
     name, *options = shlex.split(command)
-    words = [str(Path(sys.executable).with_name(name))] if name == "rig" else [sys.executable, "-m", name]
     environment = os.environ | ({"OMP_NUM_THREADS": f"{threads}"} if threads else {})
     lines = []
     with subprocess.Popen(
-        [*words, *options], cwd=registry.ROOT, env=environment, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", name, *options], cwd=registry.ROOT, env=environment, stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         for line in process.stdout:

@@ -59,10 +59,7 @@ class Study:
     def commands(self) -> tuple[str, ...]:
         """What to type."""
         threads = f"OMP_NUM_THREADS={self.threads} " if self.threads else ""
-        return tuple(
-            f".venv/bin/{one}" if one.startswith("rig ") else f"{threads}.venv/bin/python -m {one}"
-            for one in self.run
-        )
+        return tuple(f"{threads}.venv/bin/python -m {one}" for one in self.run)
 
 
 def studies(registry: Path = REGISTRY) -> dict[str, Study]:
@@ -167,8 +164,8 @@ def _of_study(study: Study, texts: Mapping[str, str]) -> Iterator[str]:
     if not study.removed:
         for command in study.run:
             module = command.split()[0]
-            if module.startswith(("studies", "tests")) and find_spec(module) is None:
-                yield f"{where}: there is no module {module}"
+            if not module.startswith(("studies.", "tests.")) or find_spec(module) is None:
+                yield f"{where}: there is no study {module}"
         yield from (f"{where}: there is no file {name}" for name in study.data if not (ROOT / name).exists())
     yield from (f"{where}: there is no page docs/{page}.md" for page in study.pages if page not in texts)
     yield from (f"{where}: no page quotes {table}" for table in study.tables if not _somewhere(table, study, texts))

@@ -144,22 +144,14 @@ TOGETHER = (
     "test_wheel.py",
 )
 
-# Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
-OTHER_ATTACKS = (
-    *("half_requests_anew", "half_requests_of_many_addresses", "no_bytes", "slow_headers", "slow_bodies"),
-    *("many_streams_with_token", "foreign_streams", "slow_readers", "pages", "changes_without_token"),
-    *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
-)
-
 # What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more;
 # and what takes long and is held by shorter tests. `make test-studies` runs it, `make test` does not. Pages and kept
 # files of studies are checked in `make test`.
 # Behind each stands the test that guards the same code in `make test`.
-# Of a large table, `@pytest.mark.quick(rows=lambda one, other: …)` says which rows stay in `make test`.
+# A single test may be marked `@pytest.mark.study` instead; of a large table, `@pytest.mark.quick(rows=lambda one: …)`
+# says which rows stay in `make test`.
 STUDIES = (
-    "studies/test_strangers_are_met.py",  # rig/test_identification.py, studies/test_identification_study.py
-    # the other tests of the file
-    "studies/test_source_facts.py::test_every_source_fact_recomputes_to_its_stored_value",
+    "studies/test_identified_random_fingers.py",  # rig/test_identification.py, studies/test_identification_study.py
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_the_truncation_error_of_a_line_load_falls_with_the_box_size",
     "sim/oracles/test_halfspace.py::test_the_truncation_error_of_a_point_load_falls_with_the_box_size",
@@ -204,14 +196,7 @@ STUDIES = (
     "sim/test_quadratic_finger.py::test_a_quadratic_finger_presses_like_linear_elements_of_half_the_size",
     "sim/test_patches.py::test_a_press_that_leaves_the_patch_is_solved_on_a_larger_one[bar:3-",
     "sim/test_patches.py::test_a_press_that_leaves_the_patch_is_solved_on_a_larger_one[sphere:2-place1-",
-    *(
-        f"rig/real_time/test_panel_under_attack.py::test_stop_is_answered_beside_every_attack[{name}]"
-        for name in OTHER_ATTACKS
-    ),
     "rig/test_kills.py::test_runs_whose_cables_were_pulled_are_resumed_completely",  # killed ones, rig/test_resume.py
-    # rig/test_every_signal.py, and [SIGTSTP] in a process of its own
-    "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGINT]",
-    "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGQUIT]",
     # A board's other input, which it answers as it does its door; [door-*] and [di1-*] are every phase.
     "rig/test_stop_button.py::test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run[hold-",
     # rig/test_identification.py; stopped, it is on these wires in rig/real_time/test_stopped_from_elsewhere.py
@@ -225,7 +210,6 @@ STUDIES = (
     # rig/compare/test_stimuli.py: a run over more than one patch; this file's own ranges
     "rig/compare/test_wider_run.py::test_presses_on_patches_of_two_widths_are_compared",
     "rig/compare/test_interpolated_study.py",  # sim/test_moduli.py
-    "rig/design/test_design_command.py::test_an_identified_finger",  # rig/identify/test_identified_finger_in_a_run.py
     # sim/test_sheets.py
     "rig/test_decode_finger.py::test_a_sheet_of_readings_gives_pressures_over_x_and_z_with_band_and_contact_extent",
     # Rows of a table whose other rows stay.
@@ -252,24 +236,9 @@ STUDIES = (
     "rig/test_followed_pages.py::test_every_how_to_page_can_be_followed_literally[nerve]",
     # the page's other block, on a half-space; rig/test_nerve_command.py
     'rig/test_every_block.py::test_python_on_every_page_runs_or_is_excused[nerve: finger = load("finger")]',
-    # rig/test_decode_command.py, sim/test_decoding.py
-    "test_gallery.py::test_gallery_decode_converges_with_a_relative_error_below_half",
-    "test_gallery.py::test_gallery_device_added_measures_force",  # test_third_party_device.py
-    "test_gallery.py::test_gallery_finger_identified_in_four_to_eight_presses",  # rig/test_identification.py
-    "test_gallery.py::test_gallery_letter_presses_to_0_3_mm",  # rig/test_map_in_a_run.py
-    # rig/compare/test_parameter_study.py
-    "test_gallery.py::test_gallery_parameter_study_force_grows_with_both_parameters",
-    "test_gallery.py::test_gallery_random_order_differs_between_two_blocks",  # rig/test_schedule.py
-    # its test of the recorded bar, rig/compare/test_compare_command.py
-    "test_gallery.py::test_gallery_recording_compared_correlates_every_measure",
-    "test_gallery.py::test_gallery_run_resumed_completes_four_presses",  # rig/test_resume.py, rig/test_kills.py
-    "test_gallery.py::test_gallery_strain_anywhere_maps_sed_over_depth",  # sim/test_any_point.py
-    "test_gallery.py::test_gallery_study_on_a_cluster_solves_twelve_cases",  # rig/compare/test_study_on_a_cluster.py
     # rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of
     "rig/compare/test_study_on_a_cluster.py::test_a_worker_killed_at_a_case_changes_no_byte",
     "test_site.py",  # `make docs`
-    # its other tests, and sim/test_indentors.py, sim/test_whole_profiles.py
-    "test_adding_a_part.py::test_a_shape_a_measure_and_a_model",
 )
 
 # Begun first, so that what comes last is short and all workers end together; what waits for real time is dealt out
@@ -309,7 +278,7 @@ LONG = (
     "studies/test_fault_campaign.py",
     "test_site.py",
     "rig/test_find.py",
-    "studies/test_strangers_are_met.py",
+    "studies/test_identified_random_fingers.py",
     "sim/test_hard_cases.py",
     "rig/test_json_answers.py",
     "rig/compare/test_compare_command.py",

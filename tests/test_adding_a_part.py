@@ -212,6 +212,7 @@ def test_a_verb(used: Used) -> None:
 # --- parts of the simulator ---
 
 
+@pytest.mark.study  # the other tests, sim/test_indentors.py, sim/test_whole_profiles.py
 def test_a_shape_a_measure_and_a_model(tmp_path: Path) -> None:
     """A circle is its parabola where contact is narrow beside its radius."""
     tree = Tree(tmp_path)

@@ -155,6 +155,7 @@ def test_gallery_own_finger_presses_a_larger_finger() -> None:
     assert (np.diff(left["table"]["force_gwt"]) > 0).all()
 
 
+@pytest.mark.study  # sim/test_any_point.py
 def test_gallery_strain_anywhere_maps_sed_over_depth() -> None:
     sed = _run("06_strain_anywhere")["sed"]
     assert sed.shape == (16, 33)
@@ -187,6 +188,7 @@ def test_gallery_many_poses_solves_twelve_presses(capsys: pytest.CaptureFixture[
     assert printed.count("mm deep on average") == len(set(found.table()["shape"])) == 3
 
 
+@pytest.mark.study  # rig/compare/test_parameter_study.py
 def test_gallery_parameter_study_force_grows_with_both_parameters() -> None:
     study = _run("10_parameter_study")["study"]
     assert study["epidermis_mm"].tolist() == [0.3, 0.3, 0.5, 0.5]
@@ -203,6 +205,7 @@ def test_gallery_encode_adds_noise_and_silences_receptors() -> None:
     assert 0 < int((noisy.rate == 0).sum()) < 41
 
 
+@pytest.mark.study  # rig/test_decode_command.py, sim/test_decoding.py
 def test_gallery_decode_converges_with_a_relative_error_below_half() -> None:
     left = _run("12_decode")
     assert left["found"].converged
@@ -217,6 +220,7 @@ def test_gallery_own_protocol_presses_three_times(in_this_process: None) -> None
     assert [max(_forces(samples, index)) > 1 for index in range(3)] == [True] * 3
 
 
+@pytest.mark.study  # rig/test_schedule.py
 def test_gallery_random_order_differs_between_two_blocks(in_this_process: None) -> None:
     started = _run("02_random_order")["recorded"].stream("indentation_start")
     order = {block: [one["value"] for one in started if one["block"] == block] for block in (1, 2)}
@@ -224,18 +228,21 @@ def test_gallery_random_order_differs_between_two_blocks(in_this_process: None) 
     assert order[1] != order[2]
 
 
+@pytest.mark.study  # rig/test_map_in_a_run.py
 def test_gallery_letter_presses_to_0_3_mm(in_this_process: None) -> None:
     answer = _run("03_letter")["answer"]
     assert answer["doi_mm"] == pytest.approx(0.3)
     assert answer["force_gwt"] > 0.5
 
 
+@pytest.mark.study  # the recorded bar, rig/compare/test_compare_command.py
 def test_gallery_recording_compared_correlates_every_measure(in_this_process: None) -> None:
     left = _run("04_recording_compared")
     assert left["measures"] == list(MEASURES)
     assert np.nanmax(np.abs(left["r"])) > 0.9
 
 
+@pytest.mark.study  # rig/test_identification.py
 def test_gallery_finger_identified_in_four_to_eight_presses(in_this_process: None) -> None:
     left = _run("05_finger_identified")
     assert 4 <= len(left["presses"]) <= 8
@@ -261,6 +268,7 @@ def test_gallery_study_on_a_cluster_solves_twelve_cases(monkeypatch: pytest.Monk
     assert [row["problem"] for row in rows] == [""] * 12
 
 
+@pytest.mark.study  # test_third_party_device.py
 def test_gallery_device_added_measures_force() -> None:
     samples = _run("08_device_added")["samples"]
     assert max(_forces(samples, 1)) > 1

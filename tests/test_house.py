@@ -1,4 +1,4 @@
-"""Every package and module has a docstring, and every path that the documentation names exists."""
+"""Every path that the documentation names exists."""
 
 import ast
 import re
@@ -19,12 +19,6 @@ PACKAGES = ("rig", "sim", "rig_shared")
 
 def _modules(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
-
-
-@pytest.mark.parametrize("package", [*PACKAGES, "studies"])
-def test_every_module_has_a_docstring(package: str) -> None:
-    for path in _modules(package):
-        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
 
 
 # --- the page ---

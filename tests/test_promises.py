@@ -1,10 +1,8 @@
 """Every promise of docs/safety_promises.md names a test that exists."""
 
-import ast
 import re
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[1]
 _TEST = re.compile(r"`(tests/[\w/]+\.py)(?:: (\w+))?`")
@@ -28,12 +26,13 @@ def test_the_safety_page_lists_at_least_forty_promises() -> None:
     assert len(_promises()) >= 40
 
 
-@pytest.mark.parametrize(("promise", "tests"), _promises(), ids=[promise[:60] for promise, _ in _promises()])
-def test_every_safety_promise_names_an_existing_test(promise: str, tests: list[tuple[str, str]]) -> None:
-    assert tests, promise
-    for file, function in tests:
-        path = ROOT / file
-        assert path.exists(), file
-        if function:
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            assert function in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}, function
+@cache
+def _functions(file: str) -> set[str]:
+    return set(re.findall(r"^ *def (\w+)", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE))
+
+
+def test_every_safety_promise_names_an_existing_test() -> None:
+    for promise, tests in _promises():
+        assert tests, promise
+        assert [file for file, _ in tests if not (ROOT / file).exists()] == []
+        assert [name for file, name in tests if name and name not in _functions(file)] == []

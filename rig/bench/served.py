@@ -53,8 +53,6 @@ class ServedBench:
 
         stage, force: kinds of device, None for none. tcp: number of the first port; None: pseudo-terminals, or free
         TCP ports on Windows.
-
-        Returns when all devices respond. Raises BadInputError.
         """
         if tcp is None and sys.platform == "win32":  # without pseudo-terminals
             tcp = 0

@@ -1,4 +1,4 @@
-"""A bench whose finger only the bench knows: whoever meets it has the wires, and nothing else."""
+"""A bench whose finger only the bench knows: an identification has the wires, and nothing else."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +19,7 @@ from sim.errors import ModelRangeError
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import PressTrajectory, RampAndHold
 from sim.plant import RelaxingPlant, RelaxingPress
-from studies.identification.strangers import Stranger
+from studies.identification.random_fingers import RandomFinger
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _FINER = (1, 2, 4)  # than the cell samples, where the press has no answer
 
 
 class TruthReadError(AssertionError):
-    """Whoever meets a finger has looked at its truth."""
+    """Error of an identification that reads the truth."""
 
 
 class OnlyMounts:
@@ -38,7 +38,7 @@ class OnlyMounts:
         self.mount = mount
 
     def __getattr__(self, name: str) -> NoReturn:
-        raise TruthReadError(f"plant.{name} was asked for by whoever meets the finger")
+        raise TruthReadError(f"plant.{name} was asked for by an identification")
 
 
 @dataclass(frozen=True)
@@ -71,19 +71,19 @@ class Slipping:
 
 
 class Keeper:
-    """Keeps a stranger's truth, opens benches over it, and tells when all is over."""
+    """Keeps the truth of a random finger, opens benches over it, and tells when all is over."""
 
-    def __init__(self, stranger: Stranger) -> None:
-        self._stranger = stranger
-        self._finger = stranger.made.load(stranger.config.finger, exact=stranger.exact)
+    def __init__(self, drawn: RandomFinger) -> None:
+        self._drawn = drawn
+        self._finger = drawn.made.load(drawn.config.finger, exact=drawn.exact)
         self._over = False
 
     def open_bench(self, pause: Pause) -> Callable[[RunFolder, Sink, float], WatchedBench]:
         """For a session."""
 
         def opened(folder: RunFolder, byte_log: Sink, start_unix_s: float) -> WatchedBench:
-            clock, config = VirtualClock(start_unix_s, 0.0), self._stranger.config
-            slipping = Slipping(self._stranger.slips_mm)
+            clock, config = VirtualClock(start_unix_s, 0.0), self._drawn.config
+            slipping = Slipping(self._drawn.slips_mm)
             bench = bench_around(
                 lambda carriage: self._plant(carriage, slipping, clock), config, clock, byte_log, pause
             )
@@ -94,21 +94,21 @@ class Keeper:
         return opened
 
     def _plant(self, carriage: Carriage, slipping: "Slipping", clock: VirtualClock) -> RelaxingPlant:
-        config = self._stranger.config
+        config = self._drawn.config
         slipping.carriage = carriage
         moving: Any = slipping
         period_s = config.force.sample_period_s
         return RelaxingPlant(self._finger, moving, relaxation(config), truth(config), clock, period_s)
 
     def over(self) -> None:
-        """The meeting has ended: from now on the truth may be told."""
+        """The identification has ended: from now on the truth may be told."""
         self._over = True
 
     def held_gwt(self, goal: PressAt, pace: RampAndHold) -> float:
         """The force that the bench answers the goal's press with, in its hold."""
         if not self._over:
-            raise TruthReadError("the truth was asked for before the meeting had ended")
-        period_s = self._stranger.config.force.sample_period_s
+            raise TruthReadError("the truth was asked for before the identification had ended")
+        period_s = self._drawn.config.force.sample_period_s
         for finer in _FINER:
             with suppress(ModelRangeError):
                 return self._held_gwt(goal, pace, period_s / finer)
@@ -116,7 +116,7 @@ class Keeper:
 
     def _held_gwt(self, goal: PressAt, pace: RampAndHold, period_s: float) -> float:
         """From instant to instant. Raises ModelRangeError, as a sharp shape may on its way."""
-        config, way = self._stranger.config, goal.trajectory(pace)
+        config, way = self._drawn.config, goal.trajectory(pace)
         press = RelaxingPress(self._finger, goal.indentor, relaxation(config), truth(config))
         x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
         touch_mm = self._finger.touch_height_mm(goal.indentor, x_mm) - self._finger.apex_height_mm

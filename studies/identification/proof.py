@@ -41,12 +41,12 @@ from sim.identification.prior import REAL_KINDS, Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes, one_by_one
 from studies.identification.hidden import Keeper
-from studies.identification.strangers import Stranger, inside, outside
+from studies.identification.random_fingers import RandomFinger, inside, outside
 from studies.identification.tables import demands, kinds
 from studies.registry import as_markdown
 
 KNOWN = with_reliable_touch(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
-"""What whoever meets the finger is told: nothing of it but the mesh to think on."""
+"""Configuration of the identification: nothing of the finger but a mesh."""
 
 SETS = {"first": 0, "second": 3000, "third": 6000}
 """First seed of each set of fingers."""
@@ -58,7 +58,7 @@ GOALS = (
     PressAt("bar:1.5", 0.3, 0.5),
     PressAt("flat:1.5", 0.0, 0.5),
 )
-"""Of shapes that no meeting presses."""
+"""Of shapes that no identification presses."""
 
 
 class Reading(NoAttendant):
@@ -84,63 +84,63 @@ class Timed(Identification):
         return report
 
 
-def met(
-    stranger: Stranger,
+def identified(
+    drawn: RandomFinger,
     foreseen: PredictedForces,
-    unmet: Fingertip,
+    configured: Fingertip,
     known: Config = KNOWN,
     goals: Sequence[PressAt] = GOALS,
 ) -> dict[str, Any]:
-    """One line: the meeting, then the truth beside it; known: what whoever meets the finger is told."""
-    keeper, began = Keeper(stranger), time.process_time()
-    meeting = Timed(known, foreseen, IdentificationOptions(tuple(goals)), seed=stranger.seed)
-    script, out = IdentificationScript(meeting), Path(tempfile.mkdtemp())
+    """Return a record of an identification with the truth beside it; `known` is all that it begins with."""
+    keeper, began = Keeper(drawn), time.process_time()
+    identification = Timed(known, foreseen, IdentificationOptions(tuple(goals)), seed=drawn.seed)
+    script, out = IdentificationScript(identification), Path(tempfile.mkdtemp())
     try:
         into, attendant = NewRun(out), Reading(script)
-        session = Session(script.as_script(), known, unmet, Plan(), into, attendant)
+        session = Session(script.as_script(), known, configured, Plan(), into, attendant)
         done = run_on(session, keeper.open_bench(session.pause), virtual=True)
     finally:
         shutil.rmtree(out, ignore_errors=True)
     keeper.over()
-    pace, widths = meeting.chooser.pace, meeting.widths
+    pace, widths = identification.chooser.pace, identification.widths
     true = [keeper.held_gwt(goal, pace) for goal in goals]
-    before = [unmet.indent(g.indentor, g.x_mm, doi_mm=g.doi_mm).force_gwt for g in goals]
+    before = [configured.indent(g.indentor, g.x_mm, doi_mm=g.doi_mm).force_gwt for g in goals]
     return {
-        "kind": stranger.kind,
-        "seed": stranger.seed,
-        "presses": len(meeting.reports),
+        "kind": drawn.kind,
+        "seed": drawn.seed,
+        "presses": len(identification.reports),
         "bench_s": done.duration_s,
         "process_s": time.process_time() - began,
         "ended": None if done.problem is None else str(done.problem),
-        "stranger": meeting.mismatch,
+        "mismatch": identification.mismatch,
         "error": [w.middle / t - 1 for w, t in zip(widths, true, strict=True)],
         "half": [w.half for w in widths],
         "covered": [bool(w.low <= t <= w.high) for w, t in zip(widths, true, strict=True)],
-        "unmet_error": [b / t - 1 for b, t in zip(before, true, strict=True)],
-        "of_trip": [report.surprise.measured_gwt / report.trip_gwt for report in meeting.reports],
-        "highest_gwt": max((report.surprise.measured_gwt for report in meeting.reports), default=0.0),
-        "update_s": list(meeting.took_s),
-        "surprises": [report.surprise.sds for report in meeting.reports],
-        "misfit": (meeting.learned.misfit / np.maximum(meeting.learned.readings, 1)).tolist(),
-        "off": foreseen.prior.off(meeting.learned.most_likely[None])[0].tolist(),
-        "readings": int(meeting.learned.readings.sum()),
-        "total": meeting.learned.total / max(int(meeting.learned.readings.sum()), 1),
+        "configured_error": [b / t - 1 for b, t in zip(before, true, strict=True)],
+        "of_trip": [report.surprise.measured_gwt / report.trip_gwt for report in identification.reports],
+        "highest_gwt": max((report.surprise.measured_gwt for report in identification.reports), default=0.0),
+        "update_s": list(identification.took_s),
+        "surprises": [report.surprise.sds for report in identification.reports],
+        "misfit": (identification.learned.misfit / np.maximum(identification.learned.readings, 1)).tolist(),
+        "off": foreseen.prior.off(identification.learned.most_likely[None])[0].tolist(),
+        "readings": int(identification.learned.readings.sum()),
+        "total": identification.learned.total / max(int(identification.learned.readings.sum()), 1),
         "limit_gwt": known.limits.soft_trip_n / GWT_N,
     }
 
 
 @cache
 def thinking() -> tuple[PredictedForces, Fingertip]:
-    """What whoever meets a finger thinks with, and the finger of somebody who met none."""
+    """Return the forces that an identification expects, and the configured finger."""
     return PredictedForces.over(KNOWN.finger, Prior(kinds=REAL_KINDS), 1.8, 1.1), Fingertip.load(KNOWN.finger)
 
 
 def one(job: tuple[str, int]) -> dict[str, Any]:
     """The line of a finger from inside or outside the prior, by its seed."""
     of, seed = job
-    stranger = (inside if of == "inside" else outside)(KNOWN, seed)
+    drawn = (inside if of == "inside" else outside)(KNOWN, seed)
     goals = [list(vars(goal).values()) for goal in GOALS]
-    return {"of": of, **met(stranger, *thinking()), "commit": commit(Path(__file__)), "goals": goals}
+    return {"of": of, **identified(drawn, *thinking()), "commit": commit(Path(__file__)), "goals": goals}
 
 
 def main() -> None:

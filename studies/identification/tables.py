@@ -33,14 +33,18 @@ def _of(rows: Sequence[Row], of: str) -> list[Row]:
 def _inside(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
     if not rows:
         return []
-    error, unmet = (np.abs(np.concatenate([row[key] for row in rows])) for key in ("error", "unmet_error"))
+    error, configured = (np.abs(np.concatenate([row[key] for row in rows])) for key in ("error", "configured_error"))
     half, covered = (np.concatenate([row[key] for row in rows]) for key in ("half", "covered"))
-    flagged = np.mean([row["stranger"] is not None for row in rows])
+    flagged = np.mean([row["mismatch"] is not None for row in rows])
     return [
         ("fingers of the prior", "≥ 200", f"{len(rows)}"),
         ("median error of force, held-back shapes", "≤ 5 %", f"{_percent(np.median(error))}"),
         ("90th percentile of it", "≤ 10 %", f"{_percent(np.quantile(error, 0.9))}"),
-        ("the same of the unmet finger", "–", f"{_percent(np.median(unmet))}, {_percent(np.quantile(unmet, 0.9))}"),
+        (
+            "the same of the unmet finger",
+            "–",
+            f"{_percent(np.median(configured))}, {_percent(np.quantile(configured, 0.9))}",
+        ),
         ("median half-width of the 90 % band", "≤ 8 %", f"{_percent(np.median(half))}"),
         ("truth in the 90 % band", "85 … 95 %", f"{_percent(covered.mean())}"),
         ("flagged as no finger of the prior", "≤ 5 %", f"{_percent(float(flagged))}"),
@@ -72,14 +76,14 @@ def _outside(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
 
 def _well(row: Row) -> bool:
     """Flagged, or stopped by a trip, or four fifths of its forces in their bands."""
-    return row["stranger"] is not None or row["ended"] is not None or bool(np.mean(row["covered"]) >= 0.8)
+    return row["mismatch"] is not None or row["ended"] is not None or bool(np.mean(row["covered"]) >= 0.8)
 
 
 def _kinds(rows: Sequence[Row]) -> list[list[str]]:
     found = []
     for kind in dict.fromkeys(row["kind"] for row in rows):
         own = [row for row in rows if row["kind"] == kind]
-        flagged = sum(row["stranger"] is not None or row["ended"] is not None for row in own)
+        flagged = sum(row["mismatch"] is not None or row["ended"] is not None for row in own)
         covered, error = (np.concatenate([row[key] for row in own]) for key in ("covered", "error"))
         median = _percent(float(np.median(np.abs(error))))
         found.append([kind, f"{len(own)}", f"{flagged}", _percent(covered.mean()), median])

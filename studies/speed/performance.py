@@ -1,17 +1,14 @@
-"""The tables and figures of docs/validation/performance.md from a finished `rig bench`.
-
-.venv/bin/rig bench --json > bench.json
-.venv/bin/python -m studies.speed.performance bench.json docs/figures
-"""
+"""Run `rig bench`, and make the table and the figure of docs/validation/performance.md."""
 
 import json
+import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig.report.benchmark_page import pareto
+from studies.registry import DOCS, ROOT, show
 
 FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 QUANTITIES = {"force": "force", "width": "width", "sed": "SED", "ep1": "ep1"}
@@ -24,10 +21,10 @@ def largest(rows: list[dict[str, Any]], family: str, quantity: str) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> None:
-    """One line for each candidate."""
+    """Print a line for each candidate."""
     head = ["model, element", "mesh", "nodes", "from nothing (s)", "contact (ms)", "memory (MB)"]
     head += [f"{name}: {' / '.join(QUANTITIES.values())} (%)" for name in FAMILIES.values()]
-    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    lines = []
     for model, element, mesh, nodes in dict.fromkeys(
         (row["model"], row["element"], row["refinement"], row["nodes"]) for row in rows
     ):
@@ -35,15 +32,17 @@ def table(rows: list[dict[str, Any]]) -> None:
         costs = {key: float(np.median([row[key] for row in mine])) for key in ("total_s", "contact_s", "memory_mb")}
         errors = [" / ".join(largest(mine, family, quantity) for quantity in QUANTITIES) for family in FAMILIES]
         cells = [f"{costs['total_s']:.1f}", f"{1e3 * costs['contact_s']:.0f}", f"{costs['memory_mb']:.0f}"]
-        print(f"| {' | '.join([f'{model} {element}', mesh, str(nodes), *cells, *errors])} |")
+        lines.append([f"{model} {element}", mesh, str(nodes), *cells, *errors])
+    show(head, lines)
 
 
 def main() -> None:
     """Print the table, write the figure."""
-    rows = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["rows"]
-    folder = Path(sys.argv[2])
-    folder.mkdir(exist_ok=True)
-    (folder / "pareto.png").write_bytes(pareto(rows).png)
+    page = ROOT / "build" / "bench.html"
+    page.parent.mkdir(exist_ok=True)
+    bench = [sys.executable, "-m", "rig", "bench", "--json", "--out", str(page)]
+    rows = json.loads(subprocess.run(bench, stdout=subprocess.PIPE, check=True).stdout)["rows"]
+    (DOCS / "figures" / "pareto.png").write_bytes(pareto(rows).png)
     table(rows)
 
 

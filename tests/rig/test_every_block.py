@@ -87,7 +87,6 @@ NOT_RUN = {
     "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
     "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
     "rig study mine.toml --scheduler tcp://scheduler:8786": "tests/rig/compare/test_study_on_a_cluster.py",
-    ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
     "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
     "dask worker tcp://scheduler:8786 --nthreads 1": "tests/rig/compare/test_study_on_a_cluster.py",
     "rig dry-run bars --out rehearsals --afferents 3xSA1,5xRA": NERVE,

@@ -1,4 +1,4 @@
-"""Strangers are met without a look at their truth; what is told of many meetings."""
+"""Random fingers are identified without a look at their truth; tables of many identifications."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ from sim.models.fingertip import Fingertip
 from sim.plant import RelaxingPress
 from studies.identification.hidden import Keeper, OnlyMounts, TruthReadError
 from studies.identification.ogden import OgdenFinger
-from studies.identification.strangers import COARSER, inside, outside
+from studies.identification.random_fingers import COARSER, inside, outside
 from studies.identification.tables import demands, kinds
 from studies.registry import as_markdown
 from tests.made_up_fingers import made_up
@@ -32,8 +32,8 @@ GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
 
 def _row(of: str, **changed: Any) -> dict[str, Any]:
     usual = {
-        "of": of, "kind": "prior", "seed": 0, "presses": 4, "bench_s": 90.0, "ended": None, "stranger": None,
-        "error": [0.01, -0.03], "half": [0.05, 0.06], "covered": [True, True], "unmet_error": [0.4, -0.5],
+        "of": of, "kind": "prior", "seed": 0, "presses": 4, "bench_s": 90.0, "ended": None, "mismatch": None,
+        "error": [0.01, -0.03], "half": [0.05, 0.06], "covered": [True, True], "configured_error": [0.4, -0.5],
         "of_trip": [0.5, 0.7], "update_s": [0.1, 0.3], "highest_gwt": 9.0,
     }  # fmt: skip
     return {**usual, **changed}
@@ -41,13 +41,13 @@ def _row(of: str, **changed: Any) -> dict[str, Any]:
 
 def test_a_random_finger_is_identified_without_reading_its_truth(finger: Fingertip, tmp_path: Path) -> None:
     known = with_reliable_touch(Config())
-    stranger = inside(known, 2)
-    tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
-    keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
-    with pytest.raises(TruthReadError, match="before the meeting had ended"):
+    drawn = inside(known, 2)
+    tiny = drawn.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
+    keeper = Keeper(drawn._replace(config=drawn.config.model_copy(update={"finger": tiny}), exact=True))
+    with pytest.raises(TruthReadError, match="before the identification had ended"):
         keeper.held_gwt(GOALS[0], Identification(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
-    meeting = Identification(known, made_up(), IdentificationOptions(GOALS, presses=2))
-    script = IdentificationScript(meeting)
+    identification = Identification(known, made_up(), IdentificationOptions(GOALS, presses=2))
+    script = IdentificationScript(identification)
 
     class Reader(NoAttendant):
         def begins(self, folder: RunFolder) -> None:
@@ -56,17 +56,17 @@ def test_a_random_finger_is_identified_without_reading_its_truth(finger: Fingert
     session = Session(script.as_script(), known, finger, Plan(), NewRun(tmp_path), Reader())
     done = run_on(session, keeper.open_bench(session.pause), virtual=True)
     assert done.problem is None
-    assert meeting.reports
+    assert identification.reports
     journal = done.folder.events.read_text()
     events = [json.loads(line) for line in journal.splitlines()]
     told = {key for event in events if event["doc"] == "event" for key in event["data"]}
     assert "height_mm" in told
     assert not [key for key in told if key.startswith("true_")]
     written = (done.folder.path / "config.toml").read_text() + (done.folder.path / "provenance.json").read_text()
-    for value in (stranger.config.finger.tissue.stiffness, stranger.config.virtual.finger_x_offset_mm):
+    for value in (drawn.config.finger.tissue.stiffness, drawn.config.virtual.finger_x_offset_mm):
         assert str(value)[:8] not in journal + written
     keeper.over()
-    assert keeper.held_gwt(GOALS[0], meeting.chooser.pace) > 0
+    assert keeper.held_gwt(GOALS[0], identification.chooser.pace) > 0
 
 
 def test_the_true_force_of_a_compliant_bench_follows_the_relaxed_force() -> None:
@@ -76,13 +76,13 @@ def test_the_true_force_of_a_compliant_bench_follows_the_relaxed_force() -> None
     were all of the force to give, it would be 18 % less.
     """
     known, give_mm_n, lasting = with_reliable_touch(Config()), 2.0, 0.5
-    stranger = inside(known, 2)
-    tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
-    virtual = stranger.config.virtual.model_copy(
+    drawn = inside(known, 2)
+    tiny = drawn.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
+    virtual = drawn.config.virtual.model_copy(
         update={"relaxation": ((1 - lasting, 1e-3),), "compliance_mm_per_n": give_mm_n, "finger_x_offset_mm": 0.0}
     )
-    config = stranger.config.model_copy(update={"finger": tiny, "virtual": virtual})
-    keeper = Keeper(stranger._replace(config=config, exact=True))
+    config = drawn.config.model_copy(update={"finger": tiny, "virtual": virtual})
+    keeper = Keeper(drawn._replace(config=config, exact=True))
     keeper.over()
     goal = GOALS[0]
     held_gwt = keeper.held_gwt(goal, Identification(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
@@ -106,9 +106,9 @@ def test_a_true_force_without_convergence_is_sampled_more_finely(monkeypatch: py
         return 2.0 * GWT_N
 
     known = with_reliable_touch(Config())
-    stranger = inside(known, 2)
-    tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
-    keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
+    drawn = inside(known, 2)
+    tiny = drawn.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
+    keeper = Keeper(drawn._replace(config=drawn.config.model_copy(update={"finger": tiny}), exact=True))
     keeper.over()
     pace = Identification(known, made_up(), IdentificationOptions(GOALS)).chooser.pace
     monkeypatch.setattr(RelaxingPress, "moved_to", stalls)
@@ -134,19 +134,19 @@ def test_random_fingers_have_another_mesh_and_depend_on_their_seed() -> None:
         assert make(known, 3) == make(known, 3)
         assert make(known, 3) != make(known, 4)
         assert make(known, 3).config.finger.mesh == COARSER != known.finger.mesh
-    strangers = [outside(known, seed) for seed in range(45)]
-    kinds = [stranger.kind for stranger in strangers]
+    fingers = [outside(known, seed) for seed in range(45)]
+    kinds = [drawn.kind for drawn in fingers]
     assert {kinds.count(kind) for kind in kinds} == {5}
     assert outside(known, 6).slips_mm > 0
-    assert {stranger.kind for stranger in strangers if stranger.made is OgdenFinger} == {"Ogden's tissue"}
+    assert {drawn.kind for drawn in fingers if drawn.made is OgdenFinger} == {"Ogden's tissue"}
 
 
 def test_the_table_of_an_identification_study_counts_its_requirements() -> None:
     rows = [
         _row("inside"),
-        _row("inside", stranger="no finger", error=[0.2, 0.02], covered=[False, True], presses=7, bench_s=150.0),
+        _row("inside", mismatch="no finger", error=[0.2, 0.02], covered=[False, True], presses=7, bench_s=150.0),
         _row("outside", kind="one material", covered=[False, False]),
-        _row("outside", kind="one material", covered=[False, False], stranger="no finger"),
+        _row("outside", kind="one material", covered=[False, False], mismatch="no finger"),
         _row("outside", kind="creeps", covered=[False, False], ended="tripped"),
         _row("outside", kind="creeps"),
     ]

@@ -73,6 +73,7 @@ def test_a_page_shows_the_stored_tables_of_a_study_as_markdown(tree: Path) -> No
         ("registry.toml", '"page"', '"elsewhere"', "docs/elsewhere.md"),
         ("registry.toml", '"12345678"', '"today"', "today"),
         ("registry.toml", "run =", 'data = ["nowhere.csv"]\nrun =', "nowhere.csv"),
+        ("registry.toml", "studies.one", "rig bench", "no study rig"),
     ],
 )
 def test_the_registry_names_each_disagreement_of_results_and_pages(

@@ -52,6 +52,7 @@ def test_a_script_that_checks_and_rehearses(here: Path, program: Program) -> Non
     assert len(list(run.stream("indentation_end"))) == len(found["presses"])
 
 
+@pytest.mark.study  # rig/identify/test_identified_finger_in_a_run.py
 def test_an_identified_finger(here: Path, program: Program) -> None:
     """It relaxes, so presses carry over; the script is checked within its bands."""
     Path("finger.toml").write_text(identified_file(relaxation=SERIES).as_toml(), encoding="utf-8")

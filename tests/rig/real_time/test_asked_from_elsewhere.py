@@ -12,7 +12,6 @@ import pytest
 from rig.bench.served import ServedBench
 from rig.data import read_run
 from rig.session.script_run import AT_ONCE
-from sim.models.fingertip import Fingertip
 from studies.faults.stops import decides
 from tests.program import HELD_REPORT, Program
 from tests.rig.real_time.elsewhere import STOP, Elsewhere, at_phase
@@ -24,7 +23,6 @@ pytestmark = pytest.mark.usefixtures("empty_figures")
 def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
     elsewhere: Callable[..., Elsewhere],
     whole: tuple[ServedBench, Path],
-    finger: Fingertip,
     rig: Program,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -59,7 +57,7 @@ def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
 
 
 def test_a_pause_from_elsewhere_and_rig_stop_over_the_socket(
-    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip, rig: Program
+    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], rig: Program
 ) -> None:
     """Without a terminal: whoever asked for the pause ends it. `rig stop` needs no signal where a socket answers."""
     bench, config = whole
@@ -86,7 +84,7 @@ def test_a_pause_from_elsewhere_and_rig_stop_over_the_socket(
 
 
 def test_a_run_whose_finger_is_lost_is_lifted_and_says_so(
-    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip
+    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path]
 ) -> None:
     _, config = whole
     run = elsewhere(decides(hold_s=1.0, times=2), "run", "--yes", "--config", config)
@@ -101,7 +99,7 @@ def test_a_run_whose_finger_is_lost_is_lifted_and_says_so(
     assert (run.folder / "report.html").exists(), "another process has made it"
 
 
-def test_a_dry_run_answers_too(elsewhere: Callable[..., Elsewhere], finger: Fingertip) -> None:
+def test_a_dry_run_answers_too(elsewhere: Callable[..., Elsewhere]) -> None:
     run = elsewhere(decides(hold_s=20.0), "dry-run", "--speed", "10")
     assert (run.one.virtual, run.one.ports, run.one.kind) == (True, (), "run")
     run.comes_to(lambda: at_phase("hold")(run))

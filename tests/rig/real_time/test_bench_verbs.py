@@ -8,8 +8,6 @@ from typing import Any
 import pytest
 
 from rig.bench.served import ServedBench
-from rig.clock import WallClock
-from rig.devices.grbl import GrblStage
 from rig.transport import open_port
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -79,22 +77,6 @@ def test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives(
     assert free["state"] == "Idle"
     stopped = rig("stop", "--config", config, "--json")
     assert stopped.json == {"stopped": [port], "owner": None, "sent": True, "state": "Idle"}
-
-
-def test_stop_on_a_port_that_nobody_owns(
-    rig: Rig, served: Callable[..., ServedBench], rig_toml: Callable[..., Path]
-) -> None:
-    bench = served(stage="grbl")
-    stage = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
-    stage.connect()
-    stage.unlock()
-    stage.jog("x", -40.0, 5.0)
-    stage.close()
-    stopped = rig("stop", "--config", rig_toml(**bench.ports), "--json")
-    assert stopped.json == {"stopped": [bench.ports["stage"]], "owner": None, "sent": True, "state": "Alarm"}
-    look = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
-    assert look.look().state == "Alarm"
-    look.close()
 
 
 def test_doctor_looks_at_the_devices_of_a_configuration(

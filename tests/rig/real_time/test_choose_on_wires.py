@@ -20,9 +20,10 @@ from rig.design.presses import possible_presses
 from rig.design.response_table import ABOUT, CANDIDATES, ResponseTable
 from rig.design.script_text import script_text
 from rig.errors import CountError
-from rig.plan.config import Config
-from sim.models.fingertip import Fingertip
+from rig.plan.config import Config, load_config
+from sim.config import FingertipConfig
 from tests.rig.real_time.elsewhere import STOP, Elsewhere
+from tests.sim.coarse_mesh import coarse_mesh
 from tests.waiting import DEADLINE_S, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -68,15 +69,20 @@ class Lab:
 
 
 @pytest.fixture
-def chosen(elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip,
+def chosen(elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path],
            tmp_path: Path) -> Iterator[Callable[..., tuple[Elsewhere, Path]]]:  # fmt: skip
-    """Start a run on wires with counts from a file, of which so many arrive."""
-    assert finger is not None
+    """Start a run on wires with counts from a file, of which so many arrive.
+
+    Responses are those of a coarse finger: on the default one, the presses that may be chosen take seconds.
+    """
+    _, config = whole
+    coarse = load_config(config).model_copy(update={"finger": FingertipConfig(mesh=coarse_mesh(0.5, 0.7))})
+    config.write_text(coarse.as_toml(), encoding="utf-8")
     labs: list[Lab] = []
 
     def start(most: int, within_s: float = 20.0) -> tuple[Elsewhere, Path]:
         counts = tmp_path / "counts.csv"
-        options = ("--yes", "--config", whole[1], "--set", f"counts={counts}", "--set", f"count_within_s={within_s}")
+        options = ("--yes", "--config", config, "--set", f"counts={counts}", "--set", f"count_within_s={within_s}")
         run = elsewhere(_script(), "run", *options, "--json")
         labs.append(Lab(run, counts, most))
         return run, counts

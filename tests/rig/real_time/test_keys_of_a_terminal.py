@@ -29,6 +29,7 @@ def _in_the_background() -> Iterator[None]:
             signal.signal(number, then)
 
 
+@pytest.mark.quick(rows=lambda name: name == "SIGTSTP")  # the others: rig/test_every_signal.py
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTSTP", "SIGQUIT"])
 def test_it_lifts_first(name: str, whole: tuple[ServedBench, Path], tmp_path: Path) -> None:
     _, config = whole

@@ -20,6 +20,8 @@ AGAIN_S = 30.0
 """A page repeats STOP far sooner; nothing here depends on it."""
 MOST_LINES = 8
 """Two loggers of two levels, a line of each in a minute."""
+IN_SUITE = ("half_requests", "slow_bodies_with_token", "streams_with_token", "requests", "resets", "no_descriptors")
+"""One attack of each kind: held, slow, streams, flooding, reset, no descriptor."""
 
 
 def answered(ask: Callable[[], int]) -> int:
@@ -34,6 +36,7 @@ def answered(ask: Callable[[], int]) -> int:
     return until(tried)
 
 
+@pytest.mark.quick(rows=lambda name: name in IN_SUITE)
 @pytest.mark.parametrize("name", ATTACKS)
 def test_stop_is_answered_beside_every_attack(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Popen)

@@ -56,9 +56,7 @@ def test_a_protocol_on_a_real_wire(
     assert bench.statistics.requested > felt.count(b"S D") + felt.count(b"S S") > 40
 
 
-def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
-    rig: Rig, finger: Fingertip, tmp_path: Path
-) -> None:
+def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(rig: Rig, tmp_path: Path) -> None:
     config = tmp_path / "rig.toml"
     config.write_text('[stage]\nport = "/dev/ttyNOWHERE7"\n', encoding="utf-8")
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
@@ -68,18 +66,7 @@ def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
     assert not list((tmp_path / "runs").iterdir())
 
 
-def test_run_refuses_a_calibration_out_of_date(rig: Rig, finger: Fingertip, tmp_path: Path) -> None:
-    config = tmp_path / "rig.toml"
-    config.write_text(
-        "[calibration.force_scale]\nvalue = 1.0\ndate = 2019-01-01\nexpires = 2020-01-01\n", encoding="utf-8"
-    )
-    ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
-    assert ended.code == 2
-    assert ended.err.startswith(f"{NOT_MOVED}rig: calibration.force_scale ")
-    assert "2020-01-01" in ended.err
-
-
-def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path) -> None:
+def test_nobody_mounts(rig: Rig, apart: Apart, tmp_path: Path) -> None:
     _, _, config = apart
     ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs", "--json")
     assert (ended.code, ended.json["code"]) == (130, "nobody_answered")

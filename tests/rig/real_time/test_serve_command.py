@@ -12,7 +12,6 @@ from rig.clock import WallClock
 from rig.devices.grbl import GrblStage
 from rig.devices.mtsics import MtSicsForce
 from rig.transport import open_port
-from sim.models.fingertip import Fingertip
 from tests.program import beside_progress
 from tests.waiting import until
 
@@ -50,7 +49,7 @@ def test_keys_that_a_virtual_device_needs_are_printed(serving: Serving) -> None:
     assert ports["force"] == f"udp://127.0.0.1:{ports['http_port']}"
 
 
-def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) -> None:
+def test_both_devices_behind_two_tcp_ports(serving: Serving) -> None:
     number = until(two_free_ports)
     serve = serving("--tcp", str(number), "--indentor", "step:1")
     ports = serve.ports()

@@ -11,7 +11,6 @@ from rig.data import read_run
 from rig.data.tables import state_of
 from rig.session.script_run import AT_ONCE
 from rig.transport import first_owner
-from sim.models.fingertip import Fingertip
 from studies.faults.stops import decides
 from tests.error_codes import raises
 from tests.rig.real_time.elsewhere import STOP, Elsewhere, at_phase
@@ -33,7 +32,7 @@ PHASES: dict[str, tuple[str, Callable[[Elsewhere], bool]]] = {
 
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_stop_is_on_the_wire_and_on_record_whatever_the_run_is_at(
-    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip, phase: str
+    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], phase: str
 ) -> None:
     bench, config = whole
     script, there = PHASES[phase]
