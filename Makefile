@@ -11,7 +11,7 @@ LOCKED ?= yes
 NEWEST ?= no
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: setup demo docs test suite compiled-tests test-portable test-studies panel-test shake check lint types check-platforms bench release-check clean lock check-wheels licenses clients
+.PHONY: setup demo docs test suite compiled-tests test-portable test-studies panel-test shake check lint types check-platforms bench mutants release-check clean lock check-wheels licenses clients
 
 setup: .venv/.ready
 
@@ -110,9 +110,11 @@ shake: .venv/.ready-dev
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies run --set bench
 
-docs test suite test-portable test-studies shake: export OMP_NUM_THREADS = 1  # of each worker
+docs test suite test-portable test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 # Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.
 test suite test-portable test-studies shake: export PYTHONDONTWRITEBYTECODE =
+mutants: .venv/.ready-dev
+	$(BIN)/python -m studies.mutants --fresh
 
 lock:
 	$(PYTHON) -m studies.supply.lock $(if $(filter yes,$(NEWEST)),--newest)
@@ -127,4 +129,4 @@ release-check:
 	$(PYTHON) -m studies.release_check
 
 clean:
-	rm -rf .venv runs study build dist docs/gallery *.egg-info
+	rm -rf .venv .mutants runs study build dist docs/gallery *.egg-info
