@@ -162,6 +162,8 @@ class KeptMemory:
 class StubBench:
     """The engine, its bench, and what it has journalled; `at_event` may raise."""
 
+    virtual = False
+
     def __init__(
         self, tables: Mapping[str, Any] | None = None, soft_trip_n: float | None = None, **before: Any
     ) -> None:

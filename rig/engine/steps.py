@@ -17,7 +17,7 @@ from rig.engine.bench import EngineMemory
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.contact_moves import FrozenReading, pull_in_descent
-from rig.engine.engine import LATE_FACTOR, Engine, State
+from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, ContactTimeError, park_height_mm
 from rig.engine.motion import (
     DOWN,
@@ -423,13 +423,12 @@ class Steps:
 
     def _jog(self, direction: Direction, by_mm: float, speed_mm_s: float, watch: Watch) -> Outcome:
         engine, stage = self._engine, self._stage
-        engine.beat(LATE_FACTOR * by_mm / speed_mm_s)
 
         def motion(check: Check) -> None:
             looks = jogging(stage, engine.clock, direction, by_mm, speed_mm_s)
             engine.motion.run(looks, check, stage.end_jog)
 
-        return engine.run_watched(motion, watch)
+        return engine.run_watched(motion, replace(watch, lasts_s=by_mm / speed_mm_s))
 
     def _record_may_touch(self) -> None:
         """Record a possible contact before a motion at an unknown height."""

@@ -301,7 +301,7 @@ class LooksAtClearance:
         """clock: the clock that times the wait. handled: whether a person handles indentor or finger."""
         self._engine, self._clock, self._handled = engine, clock, handled
         self._inputs_s = clock.monotonic_s()
-        asked = not handled and (clock is engine.clock or not getattr(engine.bench, "virtual", False))
+        asked = not handled and (clock is engine.clock or not engine.bench.virtual)
         self._force_s = self._inputs_s if asked else math.inf
         self._stage_s = self._recorded_s = self._inputs_s + REST_LOOK_S if asked else math.inf
 

@@ -27,7 +27,8 @@ class Watch:
 
     away: the motion begins by leaving the finger, so that a falling force never ends it. late_s: longest time between
     two readings. on_reading: ends the motion by InterruptedMotionError; a pause then ends it as well. shakes_gwt:
-    force of the stage's own motion.
+    force of the stage's own motion. lasts_s: duration of the motion at its speed, which the heartbeat waits for; None
+    where the heartbeat is renewed by the checks alone.
     """
 
     away: bool = False
@@ -35,6 +36,7 @@ class Watch:
     late_s: float = math.inf
     on_reading: OnReading | None = None
     shakes_gwt: float = 0.0
+    lasts_s: float | None = None
 
 
 class WatchedMotion:

@@ -72,7 +72,7 @@ class GlidingStage(PlainStage):
 class PlainBench:
     """Stage, sensor, operator and journal of an engine; `felt_gwt` is what the sensor shows now."""
 
-    sample_period_s = 0.05
+    virtual, sample_period_s = False, 0.05
     make_stage = PlainStage
     also: Mapping[str, float] = MappingProxyType({})
 

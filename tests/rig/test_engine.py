@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import looked_after_by
-from rig.devices.base import ForceTimeout, StageError
+from rig.devices.base import ForceBusy, ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
@@ -337,6 +337,25 @@ def test_the_wait_for_a_dead_sensor_loses_no_heartbeat(silent_s: float) -> None:
         engine.reading()
     assert "stop" not in bench.stage.told
     assert bench.height_mm == 2.0
+
+
+@pytest.mark.parametrize("busy_s", [0.6, 0.99])
+def test_a_sensor_that_is_busy_at_rest_loses_no_heartbeat(busy_s: float) -> None:
+    """A heartbeat of 0.5 s: the engine asks again all the while, for up to a second."""
+    bench = StubBench({"limits": {"heartbeat_s": 0.5}})
+    engine = bench.in_contact()
+    until_s = bench.clock.monotonic_s() + busy_s
+
+    def busy() -> None:
+        if bench.clock.monotonic_s() < until_s:
+            raise ForceBusy("no value now")
+
+    for read in (*READINGS.values(), lambda engine: engine.measure_contact()):
+        until_s, bench.force.at_read = bench.clock.monotonic_s() + busy_s, busy
+        with looked_after_by(bench.clock, engine.heartbeat):
+            read(engine)
+    assert not engine.heartbeat.lost
+    assert "stop" not in bench.stage.told
 
 
 # --- a stage that leaves its way ---
