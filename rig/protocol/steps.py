@@ -11,6 +11,7 @@ from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from rig.engine import Engine, indentation, verbs
+from rig.engine.limits import refuse_no_ramps, refuse_outside
 from rig.engine.reference import compare_reference
 from rig.errors import BadInputError
 from rig.protocol.check import (
@@ -23,9 +24,7 @@ from rig.protocol.check import (
     refuse_approach,
     refuse_count,
     refuse_no_number,
-    refuse_no_ramps,
     refuse_no_text,
-    refuse_outside,
     refuse_place,
     refuse_pressure,
     refuse_reach,
@@ -198,7 +197,7 @@ class MoveTo(Step[None, None]):
         state.need(state.homed, self.verb, "home()")
         refuse_no_number(self.verb, "x_mm", self.x_mm)
         refuse_along(self.along_mm, settings)
-        refuse_outside(self.verb, "x_mm", self.x_mm, settings.limits.x_mm)
+        refuse_outside(BadInputError, self.verb, "x_mm", self.x_mm, settings.limits.x_mm)
         refuse_place(self.x_mm, self.along_mm, settings)
         state.x_mm, state.along_mm = self.x_mm, self.along_mm
         return state.place()
@@ -438,7 +437,7 @@ class Ramp(DataPress):
         return PressRequest(target, 1, self.hold_s, self.speed_mm_s, ramp=True)
 
     def check(self, state: ScriptState) -> PressPlace:
-        refuse_no_ramps(self.verb, state.settings.stage)
+        refuse_no_ramps(BadInputError, self.verb, state.settings)
         refuse_no_number(self.verb, "speed_mm_s", self.speed_mm_s)
         self.check_press(state)
         return state.place("data", 1)
