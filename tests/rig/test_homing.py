@@ -3,11 +3,13 @@
 import math
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceError, ForceOverload, StageAlarm, StageError, StageRejected, StageStatus
+from rig.bench.virtual import looked_after_by
+from rig.devices.base import ForceBusy, ForceError, ForceOverload, StageAlarm, StageError, StageRejected, StageStatus
 from rig.engine import TripError, verbs
 from rig.engine.engine import State
 from rig.engine.homing import STEP_MM, STEPS
@@ -222,6 +224,24 @@ def test_a_finger_that_moves_while_the_noise_is_read_does_not_hide_the_wrong_way
     with raises(TripError, "homing_wrong_way"):
         verbs.home(bench.engine)
     assert _homings(bench) == 0
+
+
+def test_a_sensor_that_is_busy_while_the_stage_homes_loses_no_heartbeat() -> None:
+    bench = _bench(heartbeat_s=0.5)
+    engine, busy_s = bench.engine, list[float]()
+    engine.contact = replace(engine.contact, may_touch=True)
+
+    def read() -> None:
+        if _jogs_mm(bench):
+            busy_s.append(bench.clock.monotonic_s())
+            if busy_s[-1] < busy_s[0] + 0.9:
+                raise ForceBusy("no value now")
+
+    bench.force.at_read = read
+    with looked_after_by(bench.clock, engine.heartbeat):
+        verbs.home(engine)
+    assert busy_s[-1] > busy_s[0] + 0.9
+    assert not engine.heartbeat.lost
 
 
 # --- growth during homing ---
