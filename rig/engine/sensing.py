@@ -248,7 +248,7 @@ class Sensing:
                 before_gwt = None
                 continue
             if before_gwt is not None:
-                if abs(force_gwt - before_gwt) <= max(self.touch_gwt / 2, self.least_gwt):
+                if self.agree((before_gwt, force_gwt)):
                     return force_gwt
                 if late:
                     raise NoReadingError(
@@ -258,6 +258,10 @@ class Sensing:
                     )
             before_gwt = force_gwt
             self._pause(APART_S - self.wait_s, meanwhile)
+
+    def agree(self, forces_gwt: Sequence[float]) -> bool:
+        """Return whether forces below a touch differ by no more than half of one, or by the noise."""
+        return max(forces_gwt) - min(forces_gwt) <= max(self.touch_gwt / 2, self.least_gwt)
 
     def _pause(self, seconds: float, meanwhile: Meanwhile) -> None:
         until_s = self._clock.monotonic_s() + seconds
