@@ -1,7 +1,7 @@
 """Rules of homing monitored by force, over a stub stage and a stub sensor: first steps, growth, its cause."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
@@ -242,6 +242,25 @@ def test_a_sensor_that_is_busy_while_the_stage_homes_loses_no_heartbeat() -> Non
         verbs.home(engine)
     assert busy_s[-1] > busy_s[0] + 0.9
     assert not engine.heartbeat.lost
+
+
+def test_homing_out_of_an_overload_has_no_heartbeat_before_its_first_status() -> None:
+    """Nothing may hold the indentor on the finger: a controller that is silent while it begins is not stopped."""
+    bench = _bench(heartbeat_s=0.5)
+    engine, homing = bench.engine, bench.stage.homing
+    engine.contact = replace(engine.contact, may_touch=True)
+    bench.force.at_read = raising(ForceOverload("over"))
+
+    def begins_silently() -> Iterator[StageStatus | None]:
+        bench.clock.wait_s(2.0)
+        bench.force.at_read = lambda: None
+        yield from homing()
+
+    bench.stage.homing = begins_silently  # type: ignore[method-assign]
+    with looked_after_by(bench.clock, engine.heartbeat):
+        verbs.home(engine)
+    assert not engine.heartbeat.lost
+    assert engine.state is State.READY
 
 
 # --- growth during homing ---
