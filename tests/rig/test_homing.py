@@ -228,19 +228,22 @@ def test_a_finger_that_moves_while_the_noise_is_read_does_not_hide_the_wrong_way
 
 def test_a_sensor_that_is_busy_while_the_stage_homes_loses_no_heartbeat() -> None:
     bench = _bench(heartbeat_s=0.5)
-    engine, busy_s = bench.engine, list[float]()
+    engine, busy_s, beats = bench.engine, list[float](), list[int]()
     engine.contact = replace(engine.contact, may_touch=True)
+    promised = bench.promises()
 
     def read() -> None:
         if _jogs_mm(bench):
             busy_s.append(bench.clock.monotonic_s())
             if busy_s[-1] < busy_s[0] + 0.9:
+                beats.append(len(promised))
                 raise ForceBusy("no value now")
 
     bench.force.at_read = read
     with looked_after_by(bench.clock, engine.heartbeat):
         verbs.home(engine)
     assert busy_s[-1] > busy_s[0] + 0.9
+    assert beats == sorted(set(beats)), "one before each reading"
     assert not engine.heartbeat.lost
 
 
