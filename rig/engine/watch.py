@@ -62,11 +62,14 @@ class WatchedMotion:
             if self._begun.away:
                 return
             raise InterruptedMotionError(str(error), error.code) from error
-        force_gwt = None if reading is None else reading.force_n / GWT_N
+        if reading is None:
+            engine.note_force(None)
+            return
+        force_gwt = reading.force_n / GWT_N
         engine.note_force(force_gwt)
 
         # A motion away from the finger goes on while the force does not grow, however large it is.
-        if reading is None or force_gwt is None or sensing.unloads(self._begun, force_gwt):
+        if sensing.unloads(self._begun, force_gwt):
             return
 
         # Every force limit holds in every motion.

@@ -248,6 +248,37 @@ def test_the_lift_after_a_trip_reads_no_force() -> None:
     assert (engine.known_contact.kind, engine.known_contact.may_touch) == ("raised", True)
 
 
+WHILE_MOVING: dict[str, Callable[[StubBench], object]] = {
+    "soft_trip": lambda bench: setattr(bench.force, "shows_gwt", -60.0),
+    "hard_trip": lambda bench: (
+        setattr(bench.engine.trips, "soft_gwt", 1e9), setattr(bench.force, "shows_gwt", 600.0)),
+    "no_reading": lambda bench: setattr(bench.force, "at_read", raising(ForceTimeout("no answer"))),
+    "stop_input": lambda bench: setattr(
+        bench.engine, "stop_inputs",
+        lambda engine, *, at_rest: None if at_rest else TripError("pressed", "stop_input")),
+    "suspended": lambda bench: setattr(bench.clock, "suspended_s", lambda: 9.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("code", WHILE_MOVING)
+def test_a_motion_is_halted_and_trips_at_the_next_status(code: str) -> None:
+    """The soft trip is 51 gwt; the increment of 2.5 s is looked at every 0.1 s."""
+    bench, heights_mm = StubBench(soft_trip_n=0.5), list[float]()
+    engine = bench.in_contact()
+
+    def look() -> None:
+        heights_mm.append(bench.height_mm)
+        if len(heights_mm) == 3:
+            WHILE_MOVING[code](bench)
+
+    bench.stage.at_look = look
+    with raises(TripError, code):
+        engine.go_to_height(1.90, 0.02)
+    assert "halt" in bench.stage.told
+    assert min(heights_mm) == pytest.approx(1.95 - 3 * 0.002, abs=1e-6)
+    assert engine.state is State.TRIPPED
+
+
 @pytest.mark.parametrize(
     ("shows_gwt", "touch_ends_it", "goes"),
     [(3.0, False, True), (3.0, True, False), (-3.0, True, False), (0.04, True, True)],
