@@ -162,16 +162,23 @@ class KeptMemory:
 class StubBench:
     """The engine, its bench, and what it has journalled; `at_event` may raise."""
 
+    virtual, begins_at_s = False, 100.0
+    make_stage: type[StubStage] = StubStage
+
     def __init__(
         self, tables: Mapping[str, Any] | None = None, soft_trip_n: float | None = None, **before: Any
     ) -> None:
         self.settings = RigSettings.model_validate(tables or {})
-        self.clock = VirtualClock(1.7e9, 100.0)
-        self.stage, self.force = StubStage(self.clock), StubSensor(self.clock)
+        self.clock = VirtualClock(1.7e9, self.begins_at_s)
+        self.stage, self.force = self.make_stage(self.clock), self.make_force()
         self.operator, self.pause = self, Pause()
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.at_event: Callable[[str], object] = lambda stream: None
         self.engine = Engine(self.settings, self, self, soft_trip_n, **before)
+
+    def make_force(self) -> Any:
+        """Return the sensor of the bench."""
+        return StubSensor(self.clock)
 
     def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         return indentor

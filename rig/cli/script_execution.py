@@ -517,7 +517,7 @@ def time_left(page: Page, pace: float | None, now: Callable[[], float] = time.pe
     """Return the predicted time left, or None if the rehearsal did not finish."""
     if isinstance(page.rehearsal, EngineError):
         return None
-    instants_s, duration_s = page.rehearsal.instants_s, page.rehearsal.duration_s
+    instants_s, duration_s = page.rehearsal.course.instants_s, page.rehearsal.duration_s
     if pace is not None:
         return TimeLeft(instants_s, duration_s, now, pace=pace)
     return TimeLeft(instants_s, duration_s, now, pace=page.took_s / max(duration_s, 1.0), measured=True)

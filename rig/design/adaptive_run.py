@@ -306,7 +306,7 @@ class Chooser:
         from rig.design.chooser import ChooserProcess, InProcessChooser
         from rig.design.counts_from.opened import virtual_name
 
-        if getattr(engine.bench, "virtual", False):
+        if engine.bench.virtual:
             if virtual_name(choosing.source) is None:
                 raise CountError(
                     f"counts={choosing.source}: a dry-run has no nerve to record; use virtual:SA1 or virtual:MEASURE",

@@ -61,7 +61,7 @@ def press_times(
 
     script = in_memory(run)
     rehearsal = rehearsed(script, config, finger, make_plan(script, config, finger, known=table.predictions))
-    rested_s = np.array(sorted(at for name, at in rehearsal.instants_s.items() if name[0] == "rest"))
+    rested_s = np.array(sorted(at for name, at in rehearsal.course.instants_s.items() if name[0] == "rest"))
     made = np.concatenate(blocks)
     between = np.diff(rested_s)
     within = np.ones(len(between), dtype=bool)

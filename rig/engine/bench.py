@@ -77,6 +77,9 @@ class Bench(Protocol):
     @property
     def operator(self) -> Operator: ...
 
+    @property
+    def virtual(self) -> bool: ...
+
 
 class EngineMemory(Protocol):
     """Record of contact and zero for the next command."""
@@ -102,9 +105,6 @@ class NoMemory:
 
 class WatchedBench(Bench, EngineMemory, Protocol):
     """Bench for a whole script."""
-
-    @property
-    def virtual(self) -> bool: ...
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> Mapping[str, float]:
         """Return journal fields from the bench itself: simulated truth, or none on a real bench."""

@@ -55,6 +55,10 @@ def no_stop_inputs(engine: "Engine", *, at_rest: bool) -> TripError | None:
     return None
 
 
+def _unwatched() -> None:
+    """Check nothing: the motion is the lift after a trip."""
+
+
 class State(Enum):
     """State of the engine, which determines the allowed commands."""
 
@@ -162,15 +166,14 @@ class Engine:
             self._below_clearance()
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
         look_s = min(self.sensing.sensor.sample_period_s, LOOK_S) if on_reading or long else LOOK_S
-        # A ramp is polled from its start, so that it is late as soon as a hold is.
-        lasts_s = 0.0 if on_reading else LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s
-
-        def go(check: Check) -> None:
-            self.beat(lasts_s)
-            self.motion.to_height(height_mm, speed_mm_s, check, look_s)
-
-        touch_ends_it = not on_reading and (long or touch_ends_it)
-        return self.run_watched(go, Watch(height_mm > from_mm, touch_ends_it, on_reading=on_reading))
+        watch = Watch(
+            away=height_mm > from_mm,
+            touch_ends_it=not on_reading and (long or touch_ends_it),
+            on_reading=on_reading,
+            # A ramp is polled from its start, so that it is late as soon as a hold is.
+            lasts_s=0.0 if on_reading else abs(height_mm - from_mm) / speed_mm_s,
+        )
+        return self.run_watched(lambda check: self.motion.to_height(height_mm, speed_mm_s, check, look_s), watch)
 
     def run_watched(self, motion: Callable[[Check], None], watch: Watch) -> Outcome:
         """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
@@ -179,15 +182,16 @@ class Engine:
         trip is not watched: nothing may keep the indentor on the finger.
         """
         self.contact = replace(self.contact, at_rest=False)
+        check: Check = _unwatched
         try:
-            if self.state is State.TRIPPED:
-                self.guarded(lambda: motion(lambda: None))
-            else:
+            if self.state is not State.TRIPPED:
                 begun = self.sensing.begin_motion(away=watch.away, shakes_gwt=watch.shakes_gwt)
                 check = WatchedMotion(self, watch, begun)
                 if not (watch.away or self.sensing.has_new_reading):
                     check()
-                self.guarded(lambda: motion(check))
+            if watch.lasts_s is not None:
+                self.beat(LATE_FACTOR * watch.lasts_s)
+            self.guarded(lambda: motion(check))
         except NoReadingError as error:
             self.trip(TripError(str(error), error.code))
         except EndedMotionError as ended:
@@ -408,11 +412,10 @@ class Engine:
 
     def reading(self, *, from_zero: bool = True) -> ForceReading:
         """Return a new reading taken at rest; trip for a stop input, without a reading, or beyond the hard trip."""
-        self.beat(self.sensing.wait_s)
         if problem := self.stop_asked(at_rest=True):
             self.trip(problem)
         try:
-            reading = self.sensing.settled() if from_zero else self.sensing.raw()
+            reading = self.sensing.settled(self.beat) if from_zero else self.sensing.raw(self.beat)
         except NoReadingError as error:
             self.trip(TripError(str(error), error.code))
         force_gwt = reading.force_n / GWT_N
@@ -495,9 +498,8 @@ class Engine:
         top_mm = min(self.settings.habits.park_height_mm, -self.settings.frame.apex_z_mm)
         if not (self.bench.stage.homed and self.sensing.zeroed) or self.height_mm >= top_mm - AT_MM:
             return
-        self.beat(self.sensing.wait_s)
         try:
-            force_gwt = self.sensing.settled().force_n / GWT_N
+            force_gwt = self.sensing.settled(self.beat).force_n / GWT_N
         except NoReadingError:
             return
         if abs(force_gwt) >= self.sensing.touch_gwt:
@@ -512,9 +514,11 @@ class Engine:
         by_mm = min(max(to_mm - self.height_mm, self.settings.habits.clearance_mm), top_mm - self.height_mm)
         stage, speed_mm_s = self.bench.stage, self.settings.habits.travel_speed_mm_s
         stage.unlock()
-        self.heartbeat.rest()  # Each jog ends by itself.
         if by_mm > AT_MM:
-            lift_from_rest(stage, self.clock, by_mm, speed_mm_s)
+            self.run_watched(
+                lambda check: lift_from_rest(stage, self.clock, by_mm, speed_mm_s),
+                Watch(away=True, lasts_s=math.inf),  # Each jog ends by itself.
+            )
         self.motion.set_position(stage.status())
 
     def make_safe(self) -> None:

@@ -211,11 +211,10 @@ class _Homing:
         Trip for a stop input, or without a reading.
         """
         engine, sensing = self._engine, self._engine.sensing
-        engine.beat(sensing.wait_s)
         if problem := engine.stop_inputs(engine, at_rest=True):
             engine.trip(problem)
         try:
-            force_gwt = sensing.settled().force_n / GWT_N - self._offset_gwt
+            force_gwt = sensing.settled(engine.beat).force_n / GWT_N - self._offset_gwt
         except NoReadingError as error:
             if error.out_of_range:
                 return math.inf

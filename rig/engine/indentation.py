@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from rig.data.events import FindEvent, IndentationEndEvent, IndentationStartEvent, TouchEvent
-from rig.devices.registry import ramps
 from rig.engine.contact_fit import fit_contact
 from rig.engine.contact_moves import pull_in_descent
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, RampBound
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, refuse_no_ramps
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused
 from rig.errors import LimitError, NotReadyError, TripError
@@ -201,10 +200,7 @@ def ramp(
     stiffness could pass the trip and the overshoot of a press. Otherwise as `indent`.
     """
     settings = engine.settings
-    if not ramps(settings.stage):
-        raise NotReadyError(
-            f"ramp: a {settings.stage.kind} stage has no motion at constant speed under force monitoring", "no_ramps"
-        )
+    refuse_no_ramps(NotReadyError, "ramp", settings)
     asked = ScriptedPress(
         "ramp", Target("doi_mm", doi_mm), 1, speed_mm_s, hold_s, expected_contact_mm, contact_area_mm2, predicted,
         press_id,

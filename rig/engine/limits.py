@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from rig.clock import Clock, real_s
-from rig.devices.base import LOOK_S
+from rig.devices.base import LOOK_S, Axis
+from rig.devices.registry import ramps
 from rig.errors import LimitError, RigError, TripError
 from rig.records import PlannedIndentation
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
@@ -192,13 +193,39 @@ def refuse_height(
             f"a move below clearance at {speed_mm_s:g} mm/s exceeds limits.max_press_speed_mm_s = {fastest:g} mm/s",
             "too_fast",
         )
-    machine_mm, travel_mm = settings.frame.apex_z_mm + to_mm, settings.stage.travel_mm[2]
+    refuse_travel(LimitError, settings, "z", settings.frame.apex_z_mm + to_mm)
+
+
+def refuse_travel(kind: type[RigError], settings: RigSettings, axis: Axis, machine_mm: float) -> None:
+    """Raise an error of this kind for a machine position that the stage cannot reach, or below the lowest one."""
+    travel_mm = settings.stage.travel_mm["xyz".index(axis)]
     if not -travel_mm - 1e-9 <= machine_mm <= 1e-9:
-        raise LimitError(
-            f"machine z = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm", "outside_travel"
+        raise kind(
+            f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm",
+            "outside_travel",
         )
-    if machine_mm < settings.bounds.lowest_z_mm - 1e-9:
-        raise LimitError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}", "below_floor")
+    if axis == "z" and machine_mm < settings.bounds.lowest_z_mm - 1e-9:
+        raise kind(f"machine z = {machine_mm:.3f} mm is below {settings.floor}", "below_floor")
+
+
+def refuse_outside(
+    kind: type[RigError], verb: str, key: str, value_mm: float, limits_mm: tuple[float, float]
+) -> None:
+    """Raise an error of this kind for a position outside the two limits of that name."""
+    low, high = limits_mm
+    if not low <= value_mm <= high:
+        raise kind(
+            f"{verb}: {key} = {value_mm:g} mm is outside limits.{key} = {low:g} … {high:g} mm", "outside_limits"
+        )
+
+
+def refuse_no_ramps(kind: type[RigError], verb: str, settings: RigSettings) -> None:
+    """Raise an error of this kind for a stage that cannot move into the finger at constant speed."""
+    if not ramps(settings.stage):
+        raise kind(
+            f"{verb}: a {settings.stage.kind} stage has no motion at constant speed under force monitoring",
+            "no_ramps",
+        )
 
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)

@@ -40,6 +40,14 @@ AT_REST_S = 3.0
 _POLL_S, _TINY_S = 0.1, 1e-6
 
 
+Meanwhile = Callable[[float], object]
+"""Called before each wait for a reading, with the length of the wait (s)."""
+
+
+def _nothing(wait_s: float) -> None:
+    pass
+
+
 class NoReadingError(RigError):
     """Error of a missing or unreliable reading."""
 
@@ -204,14 +212,15 @@ class Sensing:
         """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
         return self.from_zero(self._read(0.0))
 
-    def settled(self) -> ForceReading:
+    def settled(self, meanwhile: Meanwhile = _nothing) -> ForceReading:
         """Return a new reading from zero, taken at rest. Raises NoReadingError."""
-        return self.from_zero(self.raw())
+        return self.from_zero(self.raw(meanwhile))
 
-    def raw(self) -> ForceReading:
+    def raw(self, meanwhile: Meanwhile = _nothing) -> ForceReading:
         """Return the same reading without a zero; retry a busy sensor for BUSY_S. Raises NoReadingError."""
         until_s = self._clock.monotonic_s() + self.wait_s + BUSY_S
         while True:
+            meanwhile(self.wait_s)
             try:
                 reading = self._read(self.wait_s)
             except NoReadingError as error:
@@ -221,8 +230,8 @@ class Sensing:
                 self.moved, self._at_rest_n = False, reading.force_n
                 return reading
 
-    def at_rest_gwt(self, meanwhile: Callable[[float], object] = lambda seconds: None) -> float:
-        """Return the force from zero at rest (gwt); `meanwhile` is called before each wait with its length (s).
+    def at_rest_gwt(self, meanwhile: Meanwhile = _nothing) -> float:
+        """Return the force from zero at rest (gwt).
 
         Below the touch threshold two readings, `APART_S` apart, must agree, because the reading of a touch passes
         through zero while the sensor drifts. A touch must persist for `AT_REST_S`, because a late sensor or a slow
@@ -231,8 +240,7 @@ class Sensing:
         """
         until_s, before_gwt = self._clock.monotonic_s() + AT_REST_S, None
         while True:
-            meanwhile(self.wait_s)
-            force_gwt = round(self.settled().force_n / GWT_N, 6)
+            force_gwt = round(self.settled(meanwhile).force_n / GWT_N, 6)
             late = self._clock.monotonic_s() >= until_s
             if abs(force_gwt) >= self.touch_gwt:
                 if late:
@@ -240,7 +248,7 @@ class Sensing:
                 before_gwt = None
                 continue
             if before_gwt is not None:
-                if abs(force_gwt - before_gwt) <= max(self.touch_gwt / 2, self.least_gwt):
+                if self.agree((before_gwt, force_gwt)):
                     return force_gwt
                 if late:
                     raise NoReadingError(
@@ -251,7 +259,11 @@ class Sensing:
             before_gwt = force_gwt
             self._pause(APART_S - self.wait_s, meanwhile)
 
-    def _pause(self, seconds: float, meanwhile: Callable[[float], object]) -> None:
+    def agree(self, forces_gwt: Sequence[float]) -> bool:
+        """Return whether forces below a touch differ by no more than half of one, or by the noise."""
+        return max(forces_gwt) - min(forces_gwt) <= max(self.touch_gwt / 2, self.least_gwt)
+
+    def _pause(self, seconds: float, meanwhile: Meanwhile) -> None:
         until_s = self._clock.monotonic_s() + seconds
         while (left_s := until_s - self._clock.monotonic_s()) > _TINY_S:
             meanwhile(min(left_s, _POLL_S))

@@ -17,8 +17,8 @@ from rig.engine.bench import EngineMemory
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.contact_moves import FrozenReading, pull_in_descent
-from rig.engine.engine import LATE_FACTOR, Engine, State
-from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, ContactTimeError, park_height_mm
+from rig.engine.engine import Engine, State
+from rig.engine.limits import AT_MM, TRIP_MARGIN, ContactTime, ContactTimeError, park_height_mm, refuse_travel
 from rig.engine.motion import (
     DOWN,
     UP,
@@ -33,7 +33,13 @@ from rig.engine.motion import (
     slices,
 )
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing, zero_readings_gwt
-from rig.engine.verbs import go_sideways, guarded_sideways, zero_in_contact_error, zero_noise_error
+from rig.engine.verbs import (
+    go_sideways,
+    guarded_sideways,
+    zero_in_contact_error,
+    zero_noise_error,
+    zero_sensor,
+)
 from rig.engine.watch import Watch
 from rig.errors import LimitError, NotReadyError, RigError, TripError
 from rig.records import NO_PRESS
@@ -201,9 +207,8 @@ class Steps:
             force_gwt = self._move_for_zero(UP, ZERO_LIFT_MM, speed_mm_s).known.force_gwt
             if force_gwt is None:
                 raise LimitError("no steady force after the lift; zero the sensor again", "no_reading")
-            if abs(force_gwt) >= sensing.touch_gwt:
-                changed = zero_in_contact_error(force_gwt)
-                raise LimitError(str(changed), changed.code)
+            if touched := zero_in_contact_error(LimitError, sensing, force_gwt):
+                raise touched
         except BaseException:
             sensing.zero = None
             raise
@@ -289,13 +294,13 @@ class Steps:
                 return None
             words = f"{error}; nothing was moved; to move without force, use --without-force"
             raise LimitError(words, error.code) from error
-        if not up and engine.contact_time.over:
-            raise LimitError(
-                f"the finger has been touched for longer than limits.max_contact_s = "
-                f"{engine.settings.limits.max_contact_s:g} s; nothing was moved: move up first",
-                "contact_time",
-            )
-        if not up and (passed := engine.trips.passed_any(force_gwt)):
+        if up:
+            return force_gwt
+        try:
+            engine.contact_time.refuse_more()
+        except ContactTimeError as over:
+            raise LimitError(f"{over}; nothing was moved: move up first", over.code) from over
+        if passed := engine.trips.passed_any(force_gwt):
             raise LimitError(f"{passed}; nothing was moved: move up first, or run `rig zero`", passed.code)
         return force_gwt
 
@@ -393,15 +398,11 @@ class Steps:
         if self._stage.homed:
             x_mm = engine.x_mm + direction.sign * by_mm * (direction.axis == "x")
             along_mm = engine.along_mm + direction.sign * by_mm * (direction.axis == "y")
-            frame, is_x = settings.frame, direction.axis == "x"
-            to_mm = frame.pad_centre_x_mm + x_mm if is_x else frame.pad_y_mm + along_mm
-            travel_mm = settings.stage.travel_mm["xyz".index(direction.axis)]
-            if not -travel_mm - _TINY_MM <= to_mm <= _TINY_MM:
-                raise LimitError(
-                    f"machine {direction.axis} = {to_mm:.3f} mm is outside the stage's travel, "
-                    f"{-travel_mm:g} … 0 mm; nothing was moved",
-                    "outside_travel",
-                )
+            to_mm = {"x": settings.frame.pad_centre_x_mm + x_mm, "y": settings.frame.pad_y_mm + along_mm}
+            try:
+                refuse_travel(LimitError, settings, direction.axis, to_mm[direction.axis])
+            except LimitError as beyond:
+                raise LimitError(f"{beyond}; nothing was moved", beyond.code) from beyond
             go_sideways(engine, x_mm, along_mm, speed_mm_s)
             return None
         limit, watch = guarded_sideways(engine)
@@ -423,13 +424,12 @@ class Steps:
 
     def _jog(self, direction: Direction, by_mm: float, speed_mm_s: float, watch: Watch) -> Outcome:
         engine, stage = self._engine, self._stage
-        engine.beat(LATE_FACTOR * by_mm / speed_mm_s)
 
         def motion(check: Check) -> None:
             looks = jogging(stage, engine.clock, direction, by_mm, speed_mm_s)
             engine.motion.run(looks, check, stage.end_jog)
 
-        return engine.run_watched(motion, watch)
+        return engine.run_watched(motion, replace(watch, lasts_s=by_mm / speed_mm_s))
 
     def _record_may_touch(self) -> None:
         """Record a possible contact before a motion at an unknown height."""
@@ -483,13 +483,11 @@ def take_zero(sensing: Sensing, memory: EngineMemory) -> tuple[str, ForceZero]:
     Raises LimitError without readings or if they scatter, ForceError, TransportError.
     """
     name = sensing.connect()
-    sensing.sensor.zero()
-    sensing.zero = None  # Readings now have a new zero.
-    memory.record_zero(None)
+    zero_sensor(sensing, memory)
     try:
         zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
-        if refused := zero_noise_error(sensing, zero):
-            raise LimitError(str(refused), refused.code)
+        if refused := zero_noise_error(LimitError, sensing, zero):
+            raise refused
     except NoReadingError as error:
         sensing.zero = None
         raise LimitError(f"{error}; zero the sensor again", "no_reading") from error

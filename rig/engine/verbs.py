@@ -23,18 +23,20 @@ from rig.data.events import (
 )
 from rig.devices.base import LOOK_S
 from rig.engine import homing
+from rig.engine.bench import EngineMemory
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
-from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
+from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s, refuse_outside
 from rig.engine.motion import Outcome
 from rig.engine.sensing import NOISE_STEPS, ForceZero, Sensing, zero_readings_gwt
 from rig.engine.watch import Watch
-from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
+from rig.errors import LimitError, NotReadyError, PressPaused, RigError, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.settings import ZERO_LIFT_MM
 from rig.units import GWT_N
 
 _T = TypeVar("_T")
+_E = TypeVar("_E", bound=RigError)
 
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 """Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
@@ -128,18 +130,16 @@ def zero(engine: Engine) -> None:
         drift_gwt = _drift_gwt(engine)
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
-    sensing.sensor.zero()
-    sensing.zero = None  # Readings now have a new zero.
-    engine.memory.record_zero(None)
+    zero_sensor(sensing, engine.memory)
     from_mm = engine.height_mm
     if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
         engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
     found = sensing.take_zero(zero_readings_gwt(lambda: engine.reading(from_zero=False)))
-    refused = zero_noise_error(sensing, found)
+    refused = zero_noise_error(TripError, sensing, found)
     if refused is None:
         engine.lift(max(engine.height_mm + ZERO_LIFT_MM, settings.habits.clearance_mm))
         change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
-        refused = zero_in_contact_error(change_gwt) if abs(change_gwt) >= sensing.touch_gwt else None
+        refused = zero_in_contact_error(TripError, sensing, change_gwt)
     if refused is not None:
         sensing.zero = None
         engine.trip(refused)
@@ -161,12 +161,19 @@ def zero(engine: Engine) -> None:
         _descend(engine, max(from_mm, settings.habits.clearance_mm))
 
 
-def zero_noise_error(sensing: Sensing, zero: ForceZero) -> TripError | None:
+def zero_sensor(sensing: Sensing, memory: EngineMemory) -> None:
+    """Zero a connected sensor; its readings have a new, unknown zero then. Raises ForceError, TransportError."""
+    sensing.sensor.zero()
+    sensing.zero = None
+    memory.record_zero(None)
+
+
+def zero_noise_error(kind: type[_E], sensing: Sensing, zero: ForceZero) -> _E | None:
     """Return the error for a zero whose readings scatter more than those of a sensor in the air, else None."""
     most_gwt = NOISE_STEPS * sensing.resolution_gwt
     if zero.noise_gwt <= most_gwt:
         return None
-    return TripError(
+    return kind(
         f"the readings of the zero scatter by {zero.noise_gwt:.2f} gwt (standard deviation), more than "
         f"{most_gwt:.2f} gwt, {NOISE_STEPS:g} steps of the sensor: the finger moved, or the cell is too noisy; "
         "keep the finger away and zero again, shield the cell, or set force.resolution_gwt to its real step",
@@ -174,9 +181,11 @@ def zero_noise_error(sensing: Sensing, zero: ForceZero) -> TripError | None:
     )
 
 
-def zero_in_contact_error(change_gwt: float) -> TripError:
-    """Return the error for a zero from which a lift has changed the force as a touch does."""
-    return TripError(
+def zero_in_contact_error(kind: type[_E], sensing: Sensing, change_gwt: float) -> _E | None:
+    """Return the error for a zero from which a lift has changed the force as a touch does, else None."""
+    if abs(change_gwt) < sensing.touch_gwt:
+        return None
+    return kind(
         f"the force changed by {change_gwt:+.2f} gwt when the indentor was lifted by {ZERO_LIFT_MM:g} mm after "
         "the zero; the finger touches it, so keep the finger away and zero again",
         "zero_in_contact",
@@ -191,12 +200,8 @@ def _drift_gwt(engine: Engine) -> float | None:
 def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
     """Move to a position at clearance: laterally, and along the finger if the stage has that axis."""
     engine.require_clear("move_to")
-    limits = engine.settings.limits
-    for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
-        if not low <= mm <= high:
-            raise LimitError(
-                f"move_to: {name} = {mm:g} mm is outside limits.{name}_mm = {low:g} … {high:g} mm", "outside_limits"
-            )
+    refuse_outside(LimitError, "move_to", "x_mm", x_mm, engine.settings.limits.x_mm)
+    refuse_outside(LimitError, "move_to", "along_mm", along_mm, engine.settings.limits.along_mm)
     safe_point(engine)
     provisional = not engine.sensing.zeroed
     if provisional:  # Before the first zero, forces count from readings at the present position.
@@ -301,7 +306,7 @@ class LooksAtClearance:
         """clock: the clock that times the wait. handled: whether a person handles indentor or finger."""
         self._engine, self._clock, self._handled = engine, clock, handled
         self._inputs_s = clock.monotonic_s()
-        asked = not handled and (clock is engine.clock or not getattr(engine.bench, "virtual", False))
+        asked = not handled and (clock is engine.clock or not engine.bench.virtual)
         self._force_s = self._inputs_s if asked else math.inf
         self._stage_s = self._recorded_s = self._inputs_s + REST_LOOK_S if asked else math.inf
 

@@ -27,7 +27,8 @@ class Watch:
 
     away: the motion begins by leaving the finger, so that a falling force never ends it. late_s: longest time between
     two readings. on_reading: ends the motion by InterruptedMotionError; a pause then ends it as well. shakes_gwt:
-    force of the stage's own motion.
+    force of the stage's own motion. lasts_s: duration of the motion at its speed, which the heartbeat waits for; None
+    where the heartbeat is renewed by the checks alone.
     """
 
     away: bool = False
@@ -35,6 +36,7 @@ class Watch:
     late_s: float = math.inf
     on_reading: OnReading | None = None
     shakes_gwt: float = 0.0
+    lasts_s: float | None = None
 
 
 class WatchedMotion:
@@ -60,11 +62,14 @@ class WatchedMotion:
             if self._begun.away:
                 return
             raise InterruptedMotionError(str(error), error.code) from error
-        force_gwt = None if reading is None else reading.force_n / GWT_N
+        if reading is None:
+            engine.note_force(None)
+            return
+        force_gwt = reading.force_n / GWT_N
         engine.note_force(force_gwt)
 
         # A motion away from the finger goes on while the force does not grow, however large it is.
-        if reading is None or force_gwt is None or sensing.unloads(self._begun, force_gwt):
+        if sensing.unloads(self._begun, force_gwt):
             return
 
         # Every force limit holds in every motion.

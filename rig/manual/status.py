@@ -164,7 +164,7 @@ class ManualStatus:
         touch_gwt, forces_gwt = self._sensing.touch_gwt, [force_gwt for _, force_gwt in self._recent]
         touches = abs(forces_gwt[-1]) >= touch_gwt
         apart = self._recent[-1][0] - self._recent[0][0] >= APART_S
-        agree = max(forces_gwt) - min(forces_gwt) <= max(touch_gwt / 2, self._sensing.least_gwt)
+        agree = self._sensing.agree(forces_gwt)
         return contact_at(
             self._settings, at, placed=homed, force_gwt=forces_gwt[-1] if touches or (apart and agree) else None,
             touch_gwt=touch_gwt, unix_s=self._clock.unix_s(),

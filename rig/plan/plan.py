@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -245,14 +245,10 @@ class Planner:
             self._plan.touches.append(expected)
         elif isinstance(step, Mount):
             self._plan.mounts.append(step.indentor)
-        self._allow(step.allowed_presses(expected))
+        self._plan.allowed += step.allowed_presses(expected)
         answer = step.foreseen(expected)
         self._plan.steps.append((step, answer))
         return answer
-
-    def _allow(self, presses: Sequence[PlannedIndentation]) -> None:
-        """Add the presses that the script may choose."""
-        self._plan.allowed += presses
 
 
 _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "reference": "reference_"}

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, Literal, Protocol
 
-from rig.devices.registry import moves_along, ramps
+from rig.devices.registry import moves_along
+from rig.engine.limits import refuse_outside, refuse_travel
 from rig.errors import BadInputError, RigError
 from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, Target
-from rig.settings import SLOWEST_MM_S, ZERO_LIFT_MM, LimitSettings, RigSettings, StageSettings
+from rig.settings import SLOWEST_MM_S, ZERO_LIFT_MM, LimitSettings, RigSettings
 from rig.units import GWT_N
 
 
@@ -176,7 +177,7 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
         raise _means(verb, planned, f"{force_gwt * GWT_N:.3g} N", limits, "soft_trip_n")
     deflection_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
     lowest_mm = planned.expected_contact_mm - max(doi_mm + deflection_mm, limits.search_mm)
-    refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
+    refuse_travel(BadInputError, settings, "z", settings.frame.apex_z_mm + lowest_mm)
 
 
 def refuse_force(verb: str, planned: PlannedIndentation, force_gwt: float, limits: LimitSettings) -> None:
@@ -188,15 +189,15 @@ def refuse_force(verb: str, planned: PlannedIndentation, force_gwt: float, limit
 def refuse_approach(verb: str, contact_mm: float, settings: RigSettings) -> None:
     """Raise an error for a touch that would search below the stage's travel, or too fast."""
     _refuse_speed(verb, "habits.approach_speed_mm_s", settings.habits.approach_speed_mm_s, settings.limits)
-    refuse_travel("z", settings.frame.apex_z_mm + contact_mm - settings.limits.search_mm, settings)
+    refuse_travel(BadInputError, settings, "z", settings.frame.apex_z_mm + contact_mm - settings.limits.search_mm)
 
 
 def refuse_place(x_mm: float, along_mm: float, settings: RigSettings) -> None:
     """Raise an error for a position at clearance that the stage cannot reach."""
-    refuse_travel("x", settings.frame.pad_centre_x_mm + x_mm, settings)
-    refuse_travel("y", settings.frame.pad_y_mm + along_mm, settings)
-    highest_mm = settings.habits.clearance_mm + ZERO_LIFT_MM
-    refuse_travel("z", settings.frame.apex_z_mm + highest_mm, settings)
+    frame, highest_mm = settings.frame, settings.habits.clearance_mm + ZERO_LIFT_MM
+    refuse_travel(BadInputError, settings, "x", frame.pad_centre_x_mm + x_mm)
+    refuse_travel(BadInputError, settings, "y", frame.pad_y_mm + along_mm)
+    refuse_travel(BadInputError, settings, "z", frame.apex_z_mm + highest_mm)
 
 
 def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSettings) -> None:
@@ -222,41 +223,12 @@ def _press(verb: str, planned: PlannedIndentation) -> str:
     return f"{verb}: {planned.target.kind} = {planned.target.value:g} at x = {planned.x_mm:g} mm"
 
 
-def refuse_outside(verb: str, key: str, value: float, limits: tuple[float, float]) -> None:
-    """Raise an error for a value outside the two limits of that name."""
-    low, high = limits
-    if not low <= value <= high:
-        raise BadInputError(
-            f"{verb}: {key} = {value:g} is outside limits.{key} = {low:g} … {high:g}", "outside_limits"
-        )
-
-
 def refuse_along(along_mm: float, settings: RigSettings) -> None:
     """Raise an error for a position along the finger beyond the stage or the limits."""
     refuse_no_number("move_to", "along_mm", along_mm)
-    refuse_outside("move_to", "along_mm", along_mm, settings.limits.along_mm)
+    refuse_outside(BadInputError, "move_to", "along_mm", along_mm, settings.limits.along_mm)
     if along_mm and not moves_along(settings.stage):
         raise BadInputError(
             f"move_to: along_mm = {along_mm:g}: a {settings.stage.kind} stage has no axis along the finger",
             "no_such_axis",
         )
-
-
-def refuse_no_ramps(verb: str, stage: StageSettings) -> None:
-    """Raise an error for a stage that cannot move into the finger at constant speed."""
-    if not ramps(stage):
-        raise BadInputError(
-            f"{verb}: a {stage.kind} stage has no motion at constant speed under force monitoring", "no_ramps"
-        )
-
-
-def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: RigSettings) -> None:
-    """Raise an error for a machine position that the stage cannot reach."""
-    travel_mm = settings.stage.travel_mm["xyz".index(axis)]
-    if not -travel_mm <= machine_mm <= 0:
-        raise BadInputError(
-            f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm",
-            "outside_travel",
-        )
-    if axis == "z" and machine_mm < settings.bounds.lowest_z_mm - 1e-9:
-        raise BadInputError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}", "below_floor")

@@ -54,8 +54,10 @@ class SameSteps(_Comparison):
     def __init__(self, before: Journalled) -> None:
         super().__init__()
         self._recorded = dict(_recorded(before))
-        self._notes = [str(event.get("text", "")) for event in before.stream("note")]
-        self._checkpoints = [str(event["name"]) for event in before.stream("checkpoint") if "name" in event]
+        self._texts = {
+            Note.verb: [str(event.get("text", "")) for event in before.stream("note")],
+            Checkpoint.verb: [str(event["name"]) for event in before.stream("checkpoint") if "name" in event],
+        }
         self._rests_s = [float(event["rest_s"]) for event in before.stream("rest") if "rest_s" in event]
 
     def compare(self, step: Step[Any, Any], place: PressPlace, press_mm_s: float) -> None:
@@ -68,17 +70,20 @@ class SameSteps(_Comparison):
                 recorded, asked = self._recorded.get((press.purpose, press.index)), step.asked(place, press_mm_s)
                 if recorded is not None and asked is not None:
                     _refuse_other(recorded, asked, _press(press.purpose, press.index))
-            if isinstance(step, Checkpoint) and self._checkpoints:
-                was = self._checkpoints.pop(0)
-                if was != step.name:
-                    raise _another_run(step.verb, repr(step.name), repr(was))
-        if isinstance(step, Note) and self._notes:
-            was = self._notes.pop(0)
-            if was != step.text:
-                self.differences.append(_other(step.verb, step.text, was))
+            if isinstance(step, Checkpoint) and (was := self._other_text(step.verb, step.name)) is not None:
+                raise _another_run(step.verb, repr(step.name), repr(was))
+        if isinstance(step, Note) and (was := self._other_text(step.verb, step.text)) is not None:
+            self.differences.append(_other(step.verb, step.text, was))
         known_s = self._rests_s or [getattr(step, "seconds", 0.0)]
         if isinstance(step, Rest) and not any(is_alike(step.seconds, was_s) for was_s in known_s):
             self.differences.append(_other(step.verb, step.seconds, known_s[0]))
+
+    def _other_text(self, verb: str, text: str) -> str | None:
+        """Return the text of the next step of a verb in the journal where it is another one."""
+        if not self._texts[verb]:
+            return None
+        was = self._texts[verb].pop(0)
+        return None if was == text else was
 
 
 class SamePlan(_Comparison):

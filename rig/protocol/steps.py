@@ -11,6 +11,7 @@ from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from rig.engine import Engine, indentation, verbs
+from rig.engine.limits import refuse_no_ramps, refuse_outside
 from rig.engine.reference import compare_reference
 from rig.errors import BadInputError
 from rig.protocol.check import (
@@ -23,9 +24,7 @@ from rig.protocol.check import (
     refuse_approach,
     refuse_count,
     refuse_no_number,
-    refuse_no_ramps,
     refuse_no_text,
-    refuse_outside,
     refuse_place,
     refuse_pressure,
     refuse_reach,
@@ -198,7 +197,7 @@ class MoveTo(Step[None, None]):
         state.need(state.homed, self.verb, "home()")
         refuse_no_number(self.verb, "x_mm", self.x_mm)
         refuse_along(self.along_mm, settings)
-        refuse_outside(self.verb, "x_mm", self.x_mm, settings.limits.x_mm)
+        refuse_outside(BadInputError, self.verb, "x_mm", self.x_mm, settings.limits.x_mm)
         refuse_place(self.x_mm, self.along_mm, settings)
         state.x_mm, state.along_mm = self.x_mm, self.along_mm
         return state.place()
@@ -218,70 +217,79 @@ class ExpectedPresses:
     planned: PlannedIndentation
 
 
-def check_press(
-    verb: str, target: Target, state: ScriptState, *, increments: int, hold_s: float, speed_mm_s: float | None = None
-) -> None:
-    """Check a press without the model. Raises BadInputError."""
-    state.need_ready(verb)
-    if state.along_mm:
-        raise BadInputError(
-            f"{verb}: along_mm = {state.along_mm:g}: must be 0; elsewhere only touch() is allowed", "along_the_finger"
+@dataclass(frozen=True)
+class PressRequest:
+    """Press past the skin that a step asks for; the default speed (mm/s) is habits.press_speed_mm_s."""
+
+    target: Target
+    increments: int
+    hold_s: float
+    speed_mm_s: float | None = None
+    ramp: bool = False
+
+
+class Pressing(Step[ExpectedPresses, A]):
+    """Step of one or more equal presses."""
+
+    @property
+    @abstractmethod
+    def request(self) -> PressRequest:
+        """Each press of the step. Raises BadInputError."""
+
+    def check_press(self, state: ScriptState, presses: int = 1) -> None:
+        """Check the presses without the model, and count their holds. Raises BadInputError."""
+        asked = self.request
+        state.need_ready(self.verb)
+        if state.along_mm:
+            raise BadInputError(
+                f"{self.verb}: along_mm = {state.along_mm:g}: must be 0; elsewhere only touch() is allowed",
+                "along_the_finger",
+            )
+        refuse_count(self.verb, "increments", asked.increments)
+        refuse_seconds(self.verb, "hold_s", asked.hold_s)
+        refuse_target(self.verb, asked.target, state.settings.limits)
+        refuse_speeds(self.verb, asked.speed_mm_s, state.settings)
+        state.hold(self.verb, presses * asked.increments * asked.hold_s)
+
+    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
+        asked = self.request
+        return {
+            **_where(place),
+            "verb": Ramp.verb if asked.ramp else Indent.verb,
+            "target": asked.target.kind,
+            "value": asked.target.value,
+            "increments": asked.increments,
+            "speed_mm_s": press_mm_s if asked.speed_mm_s is None else asked.speed_mm_s,
+            "hold_s": asked.hold_s,
+        }
+
+    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
+        """Return the prediction for each press, in equal increments or a ramp.
+
+        Raises BadInputError if the model has no prediction, or one beyond a limit.
+        """
+        asked, habits = self.request, state.settings.habits
+        increment_mm = math.inf if asked.ramp else habits.increment_mm
+        pace = Pace(asked.speed_mm_s or habits.press_speed_mm_s, increment_mm, asked.increments, asked.hold_s)
+        try:
+            found = state.model.press(place.indentor, place.x_mm, asked.target, pace)
+        except ForceTooDeepError:
+            raise BadInputError(
+                f"{self.verb}: {asked.target.kind} = {asked.target.value:g} at x = {place.x_mm:g} mm is not reached "
+                f"at a DOI of limits.max_doi_mm = {state.settings.limits.max_doi_mm:g}",
+                "force_out_of_reach",
+            ) from None
+        except NoPredictionError as error:
+            raise BadInputError(f"{self.verb}: {error}", error.code) from None
+        planned = PlannedIndentation(
+            **vars(found),
+            increments=asked.increments,
+            hold_s=asked.hold_s,
+            ramp_mm_s=pace.speed_mm_s if asked.ramp else None,
         )
-    refuse_count(verb, "increments", increments)
-    refuse_seconds(verb, "hold_s", hold_s)
-    refuse_target(verb, target, state.settings.limits)
-    refuse_speeds(verb, speed_mm_s, state.settings)
-
-
-def asked_press(
-    verb: str, target: Target, place: PressPlace, *, increments: int, hold_s: float, speed_mm_s: float
-) -> Asked:
-    """Return what a press asks for."""
-    return {
-        **_where(place),
-        "verb": verb,
-        "target": target.kind,
-        "value": target.value,
-        "increments": increments,
-        "speed_mm_s": speed_mm_s,
-        "hold_s": hold_s,
-    }
-
-
-def expect_press(
-    verb: str,
-    target: Target,
-    place: PressPlace,
-    state: ScriptState,
-    *,
-    increments: int,
-    hold_s: float,
-    speed_mm_s: float | None = None,
-    ramp: bool = False,
-) -> ExpectedPresses:
-    """Return the prediction for a press to a depth (mm) or force (gwt), in equal increments or a ramp.
-
-    The default speed is habits.press_speed_mm_s. Raises BadInputError if the model has no prediction, or one beyond a
-    limit.
-    """
-    habits = state.settings.habits
-    increment_mm = math.inf if ramp else habits.increment_mm
-    pace = Pace(speed_mm_s or habits.press_speed_mm_s, increment_mm, increments, hold_s)
-    try:
-        found = state.model.press(place.indentor, place.x_mm, target, pace)
-    except ForceTooDeepError:
-        raise BadInputError(
-            f"{verb}: {target.kind} = {target.value:g} at x = {place.x_mm:g} mm is not reached at a DOI of "
-            f"limits.max_doi_mm = {state.settings.limits.max_doi_mm:g}",
-            "force_out_of_reach",
-        ) from None
-    except NoPredictionError as error:
-        raise BadInputError(f"{verb}: {error}", error.code) from None
-    ramp_mm_s = pace.speed_mm_s if ramp else None
-    planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s)
-    refuse_reach(verb, planned, state.settings)
-    refuse_pressure(verb, planned, state.settings.limits)
-    return ExpectedPresses(place.ids, planned)
+        refuse_reach(self.verb, planned, state.settings)
+        refuse_pressure(self.verb, planned, state.settings.limits)
+        return ExpectedPresses(place.ids, planned)
 
 
 def press(
@@ -305,7 +313,7 @@ def _predicted(planned: PlannedIndentation) -> indentation.PredictedPress:
     return indentation.PredictedPress(round(planned.predicted_doi_mm, 6), round(planned.predicted_force_gwt, 6))
 
 
-class PressStep(Step[ExpectedPresses, Indentation]):
+class DataPress(Pressing[Indentation]):
     """One press past the skin, whose holds are data."""
 
     on_resume: ClassVar[ResumeRule] = ResumeRule.ANSWER
@@ -339,7 +347,7 @@ class PressStep(Step[ExpectedPresses, Indentation]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Indent(PressStep):
+class Indent(DataPress):
     """Find contact, press to a depth or a force, and lift to clearance.
 
     Parameters
@@ -376,45 +384,20 @@ class Indent(PressStep):
     hold_s: float = 1.0
 
     @property
-    def target(self) -> Target:
-        """Depth or force from the script. Raises BadInputError."""
-        return checked_target(self.verb, self.doi_mm, self.force_gwt)
+    def request(self) -> PressRequest:
+        target = checked_target(self.verb, self.doi_mm, self.force_gwt)
+        return PressRequest(target, self.increments, self.hold_s, self.speed_mm_s)
 
     def check(self, state: ScriptState) -> PressPlace:
-        check_press(
-            self.verb,
-            self.target,
-            state,
-            increments=self.increments,
-            hold_s=self.hold_s,
-            speed_mm_s=self.speed_mm_s,
-        )
-        state.hold(self.verb, self.increments * self.hold_s)
+        self.check_press(state)
         return state.place("data", 1)
-
-    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
-        speed_mm_s = press_mm_s if self.speed_mm_s is None else self.speed_mm_s
-        return asked_press(
-            self.verb, self.target, place, increments=self.increments, hold_s=self.hold_s, speed_mm_s=speed_mm_s
-        )
-
-    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
-        return expect_press(
-            self.verb,
-            self.target,
-            place,
-            state,
-            increments=self.increments,
-            hold_s=self.hold_s,
-            speed_mm_s=self.speed_mm_s,
-        )
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
         return press(engine, expected.ids[0], expected.planned, self.speed_mm_s)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ramp(PressStep):
+class Ramp(DataPress):
     """Find contact, move from above the skin to a depth at constant speed, hold, and lift to clearance.
 
     The first ramp at a place, and a deeper one, begins with a press by increments to the same depth, which
@@ -449,33 +432,15 @@ class Ramp(PressStep):
     hold_s: float = 1.0
 
     @property
-    def target(self) -> Target:
-        """Depth. Raises BadInputError."""
-        return checked_target(self.verb, self.doi_mm, None)
+    def request(self) -> PressRequest:
+        target = checked_target(self.verb, self.doi_mm, None)
+        return PressRequest(target, 1, self.hold_s, self.speed_mm_s, ramp=True)
 
     def check(self, state: ScriptState) -> PressPlace:
-        refuse_no_ramps(self.verb, state.settings.stage)
+        refuse_no_ramps(BadInputError, self.verb, state.settings)
         refuse_no_number(self.verb, "speed_mm_s", self.speed_mm_s)
-        check_press(self.verb, self.target, state, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
-        state.hold(self.verb, self.hold_s)
+        self.check_press(state)
         return state.place("data", 1)
-
-    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
-        return asked_press(
-            self.verb, self.target, place, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s
-        )
-
-    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
-        return expect_press(
-            self.verb,
-            self.target,
-            place,
-            state,
-            increments=1,
-            hold_s=self.hold_s,
-            speed_mm_s=self.speed_mm_s,
-            ramp=True,
-        )
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
         planned = expected.planned
@@ -492,7 +457,7 @@ class Ramp(PressStep):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Precondition(Step[ExpectedPresses, None]):
+class Precondition(Pressing[None]):
     """Press several times at the present position, to settle the skin.
 
     The journal stores these presses apart from data.
@@ -523,21 +488,13 @@ class Precondition(Step[ExpectedPresses, None]):
     hold_s: float = 1.0
 
     @property
-    def target(self) -> Target:
-        """Depth or force from the script. Raises BadInputError."""
-        return checked_target(self.verb, self.doi_mm, self.force_gwt)
+    def request(self) -> PressRequest:
+        return PressRequest(checked_target(self.verb, self.doi_mm, self.force_gwt), 1, self.hold_s)
 
     def check(self, state: ScriptState) -> PressPlace:
         refuse_count(self.verb, "presses", self.presses)
-        check_press(self.verb, self.target, state, increments=1, hold_s=self.hold_s)
-        state.hold(self.verb, self.presses * self.hold_s)
+        self.check_press(state, self.presses)
         return state.place("precondition", self.presses)
-
-    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
-        return asked_press(Indent.verb, self.target, place, increments=1, hold_s=self.hold_s, speed_mm_s=press_mm_s)
-
-    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
-        return expect_press(self.verb, self.target, place, state, increments=1, hold_s=self.hold_s)
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> None:
         for press_id in expected.ids:
@@ -546,7 +503,7 @@ class Precondition(Step[ExpectedPresses, None]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reference(Step[ExpectedPresses, None]):
+class Reference(Pressing[None]):
     """Press at a fixed position to monitor the skin.
 
     An alarm is raised where the force differs from that of the first such press by more than
@@ -578,18 +535,12 @@ class Reference(Step[ExpectedPresses, None]):
     hold_s: float = 0.5
 
     @property
-    def target(self) -> Target:
-        """Depth. Raises BadInputError."""
-        return checked_target(self.verb, self.doi_mm, None)
+    def request(self) -> PressRequest:
+        return PressRequest(checked_target(self.verb, self.doi_mm, None), self.increments, self.hold_s)
 
     def check(self, state: ScriptState) -> PressPlace:
         MoveTo(x_mm=self.x_mm).check(state)
-        check_press(self.verb, self.target, state, increments=self.increments, hold_s=self.hold_s)
-        self._refuse_another(state)
-        state.hold(self.verb, self.increments * self.hold_s)
-        return state.place("reference", 1)
-
-    def _refuse_another(self, state: ScriptState) -> None:
+        self.check_press(state)
         requested = (state.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
         first = state.reference_request = state.reference_request or requested
         if requested != first:
@@ -598,14 +549,7 @@ class Reference(Step[ExpectedPresses, None]):
                 f"{first[2]:g} mm, increments = {first[3]}",
                 "another_reference",
             )
-
-    def asked(self, place: PressPlace, press_mm_s: float) -> Asked:
-        return asked_press(
-            Indent.verb, self.target, place, increments=self.increments, hold_s=self.hold_s, speed_mm_s=press_mm_s
-        )
-
-    def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
-        return expect_press(self.verb, self.target, place, state, increments=self.increments, hold_s=self.hold_s)
+        return state.place("reference", 1)
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> None:
         verbs.be_over(engine, expected.planned.x_mm)

@@ -41,8 +41,12 @@ class OrderScope(ProtocolParameters):
     @property
     def highest(self) -> dict[str, float]:
         """Target of the highest press, as an argument of `Rig.indent`."""
-        targets = {"doi_mm": self.doi_mm, "force_gwt": self.force_gwt}
-        return {name: value for name, value in targets.items() if value is not None}
+        return _target(self.doi_mm, self.force_gwt)
+
+
+def _target(doi_mm: float | None, force_gwt: float | None) -> dict[str, float]:
+    targets = {"doi_mm": doi_mm, "force_gwt": force_gwt}
+    return {name: value for name, value in targets.items() if value is not None}
 
 
 class Order(BaseModel):
@@ -60,8 +64,7 @@ class Order(BaseModel):
     @property
     def target(self) -> dict[str, float]:
         """Target of the press."""
-        targets = {"doi_mm": self.doi_mm, "force_gwt": self.force_gwt}
-        return {name: value for name, value in targets.items() if value is not None}
+        return _target(self.doi_mm, self.force_gwt)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +91,7 @@ class NextOrder(Step[None, Order | None]):
 
 
 class PressOrders:
-    """PressOrders of a run: other threads put them in, one at a time, and the script carries them out."""
+    """Orders of a run: other threads put them in, one at a time, and the script carries them out."""
 
     def __init__(self, scope: OrderScope, alone: Callable[[], bool] = lambda: False) -> None:
         """Prepare to read orders. alone: returns whether their sender has ended, which ends the run."""

@@ -6,14 +6,13 @@ for each press, fitted to two solutions of the finger model, which costs almost 
 
 import io
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
 from rig.bench.virtual import bench_around, with_stand_ins
 from rig.data import Run
-from rig.data.run_state import Course, Marks, Milestone, Timeline
+from rig.data.run_state import Course, Timeline
 from rig.engine import Engine, Target, verbs
 from rig.engine.limits import CONTACT_EXPONENT, FingerStiffness
 from rig.plan.config import Config, VirtualSettings
@@ -105,19 +104,16 @@ class Rehearsing:
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """Predicted duration, contact time and time of each milestone (s), and number of events in the journal."""
+    """Predicted course of a run, its contact time (s), and number of events in its journal."""
 
-    duration_s: float
+    course: Course
     contact_s: float
-    instants_s: Mapping[Milestone, float]
-    words: Mapping[Milestone, str] = field(default_factory=dict)
-    marks: Mapping[Milestone, Marks] = field(default_factory=dict)
-    events: int = 0
+    events: int
 
     @property
-    def course(self) -> Course:
-        """Course of the run, for its monitors."""
-        return Course(self.duration_s, self.instants_s, self.words, self.marks)
+    def duration_s(self) -> float:
+        """Predicted duration (s)."""
+        return self.course.duration_s
 
 
 def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before: Run | None = None) -> Rehearsed:
@@ -149,11 +145,5 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
         handler = ResumeHandler(before, handler, settings.habits.press_speed_mm_s)
     script = script.fresh()
     run_script(script, engine, Rig(script.parameters, state, Patience(handler)))
-    return Rehearsed(
-        clock.monotonic_s(),
-        engine.contact_time.total_s,
-        timeline.instants_s,
-        timeline.words,
-        timeline.marks,
-        timeline.events,
-    )
+    course = Course(clock.monotonic_s(), timeline.instants_s, timeline.words, timeline.marks)
+    return Rehearsed(course, engine.contact_time.total_s, timeline.events)

@@ -57,29 +57,6 @@ class Attendant(Protocol):
 
     def stopped(self) -> bool:
         """Return whether another thread has stopped the stage; called after a failure."""
-
-    @property
-    def stopped_by(self) -> str:
-        """The reason to record for a stop at once."""
-
-    def begins(self, folder: RunFolder) -> None:
-        """Note that ports are open and the journal in this folder has begun: motions may follow."""
-
-    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Note an event that is on disk."""
-
-    def interrupted(self) -> bool:
-        """Return whether a pause is requested for the next safe point."""
-
-    def go_on(self, meanwhile: Meanwhile) -> bool:
-        """Return whether to continue after the pause."""
-
-
-class NoAttendant:
-    """Observer that requests nothing."""
-
-    def stopped(self) -> bool:
-        """Return False."""
         return False
 
     @property
@@ -88,18 +65,24 @@ class NoAttendant:
         return AT_ONCE
 
     def begins(self, folder: RunFolder) -> None:
-        """Do nothing."""
+        """Note that ports are open and the journal in this folder has begun: motions may follow."""
+        return
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Do nothing."""
+        """Note an event that is on disk."""
+        return
 
     def interrupted(self) -> bool:
-        """Return False."""
+        """Return whether a pause is requested for the next safe point."""
         return False
 
     def go_on(self, meanwhile: Meanwhile) -> bool:
-        """Return False."""
+        """Return whether to continue after the pause."""
         return False
+
+
+class NoAttendant(Attendant):
+    """Observer that requests nothing."""
 
 
 @dataclass(frozen=True)
@@ -418,18 +401,23 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
 
 
 def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
-    script = session.script
+    return {
+        **_about_script(session.script, len(session.plan.indentations), session.into.subject, virtual=virtual),
+        "soft_trip_n": session.plan.soft_trip_n,
+        **_button(session),
+        **({} if session.config.identified is None else {"promised": predicted_bands(session.plan)}),
+    }
+
+
+def _about_script(script: Script, planned: int, subject: str | None, *, virtual: bool) -> dict[str, Any]:
     return {
         "protocol": script.name,
         "title": script.title,
         "source": script.source,
         "parameters": script.parameters.model_dump(mode="json"),
-        "planned_indentations": len(session.plan.indentations),
-        "soft_trip_n": session.plan.soft_trip_n,
-        "subject": session.into.subject,
+        "planned_indentations": planned,
+        "subject": subject,
         "virtual": virtual,
-        **_button(session),
-        **({} if session.config.identified is None else {"promised": predicted_bands(session.plan)}),
     }
 
 
@@ -492,17 +480,7 @@ def record_before(
     clock = clock or WallClock(into.begins_at_s)
     with folder.owned(), Journal(folder.events, clock, STREAMS, virtual=virtual) as journal:
         if before is None:
-            journal.start(
-                {
-                    "protocol": script.name,
-                    "title": script.title,
-                    "source": script.source,
-                    "parameters": script.parameters.model_dump(mode="json"),
-                    "planned_indentations": 0,
-                    "subject": into.subject,
-                    "virtual": virtual,
-                }
-            )
+            journal.start(_about_script(script, 0, into.subject, virtual=virtual))
             at = FinalPosition("not moved")
         else:
             journal.resume({"missing": before.missing, "after": before.last_checkpoint})

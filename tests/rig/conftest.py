@@ -121,6 +121,8 @@ class SpringBench:
     disk; `interrupt` is what the engine asks at its safe points.
     """
 
+    virtual = False
+
     def __init__(
         self,
         folder: Path,

@@ -6,13 +6,12 @@ from typing import Any
 
 from rig.devices.base import LOOK_S, ForceReading, StageStatus
 from rig.engine import Engine, PressId, verbs
-from rig.engine.bench import Meanwhile, Pause
+from rig.engine.bench import Pause
 from rig.engine.press import Press
 from rig.records import ContactFit
-from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.stub_bench import StubStage
+from tests.stub_bench import StubBench, StubStage
 
 HERTZ = 1.5
 
@@ -69,32 +68,26 @@ class GlidingStage(PlainStage):
         self.at_mm = list(to_mm)
 
 
-class PlainBench:
-    """Stage, sensor, operator and journal of an engine; `felt_gwt` is what the sensor shows now."""
+class PlainBench(StubBench):
+    """Bench whose sensor shows what `felt_gwt` says now."""
 
-    sample_period_s = 0.05
-    make_stage = PlainStage
+    begins_at_s, sample_period_s = 0.0, 0.05
+    make_stage: type[StubStage] = PlainStage
+    stage: PlainStage
     also: Mapping[str, float] = MappingProxyType({})
 
     def __init__(
         self, felt_gwt: Callable[["PlainBench"], float], settings: Mapping[str, Any], **options: Any
     ) -> None:
-        self.felt_gwt = felt_gwt
-        self.settings = RigSettings.model_validate(settings)
-        self.resolution_gwt = self.settings.force.resolution_gwt
-        self.clock = VirtualClock(1.7e9)
-        self.stage = self.make_stage(self.clock)
-        self.force = self.operator = self
+        super().__init__(settings, **options)
+        self.felt_gwt, self.resolution_gwt = felt_gwt, self.settings.force.resolution_gwt
         self.wants_pause: Callable[[], bool] = lambda: False
         self.goes_on = True
         self.pause = Pause(lambda: self.wants_pause(), lambda meanwhile: self.goes_on)
-        self.events: list[tuple[str, dict[str, Any]]] = []
-        self.engine = Engine(self.settings, self, self, **options)
 
-    @property
-    def height_mm(self) -> float:
-        """Of the indentor above the nominal apex."""
-        return self.stage.at.z_mm - self.settings.frame.apex_z_mm
+    def make_force(self) -> "PlainBench":
+        """Return the bench, which is its own sensor."""
+        return self
 
     def hertz(self, k_gwt: float, contact_mm: float) -> float:
         """What a finger shows that follows F = k d^1.5."""
@@ -108,21 +101,15 @@ class PlainBench:
         verbs.move_to(self.engine, 0.0)
         return self.engine
 
-    def of(self, stream: str) -> list[dict[str, Any]]:
-        """The events of one stream so far."""
-        return [data for name, data in self.events if name == stream]
-
     def readings(self, phase: str) -> list[tuple[float, float]]:
         """(height mm, force gwt) of the readings of one phase so far."""
         samples = [data for name, data in self.events if name.endswith("sample")]
         return [(data["height_mm"], data["force_gwt"]) for data in samples if data["phase"] == phase]
 
-    # what an engine asks of a sensor, of an operator and of a journal
+    # as a sensor
 
     def connect(self) -> str:
         return "plain"
-
-    identify = connect
 
     def read(self) -> ForceReading:
         return ForceReading(self.felt_gwt(self) * GWT_N, True, self.clock.monotonic_s(), self.also)
@@ -130,33 +117,19 @@ class PlainBench:
     def zero(self) -> None:
         """It shows what it shows."""
 
-    close = zero
-
-    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
-        return indentor
-
-    def confirm(self, request: str) -> None:
-        """There is nobody to ask."""
-
-    def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        self.events.append((stream, dict(data)))
-
-    def settle(self) -> None:
-        """There is no disk."""
-
 
 class GlidingBench(PlainBench):
-    """A bench whose sensor is read on the way, too. `at_event` may act, once an event is on record."""
+    """A bench whose sensor is read on the way, too. `on_event` may act, once an event is on record."""
 
     make_stage = GlidingStage
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        self.at_event: Callable[[str, Mapping[str, Any]], object] = lambda stream, data: None
+        self.on_event: Callable[[str, Mapping[str, Any]], object] = lambda stream, data: None
         super().__init__(*args, **options)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         super().event(stream, data)
-        self.at_event(stream, data)
+        self.on_event(stream, data)
 
 
 def pressing(

@@ -273,29 +273,3 @@ def test_a_step_down_is_recorded_before_it_moves_and_a_confirmed_step_up_clears_
 
 
 # --- what the engine does of it ---
-
-
-def test_the_engine_sets_the_lowest_z_of_the_stage_from_each_place_and_touch(
-    bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """From homing on; at each place; at most DOI and an increment below what was touched. Only when it changes."""
-    told, at_rest = list[float](), list[bool]()
-
-    def limit(lowest_z_mm: float) -> None:
-        told.append(lowest_z_mm - bench.config.frame.apex_z_mm)
-        at_rest.append(bench.stage.status().state == "Idle")
-
-    monkeypatch.setattr(bench.stage, "limit_depth", limit)
-    engine, limits = bench.engine, bench.config.limits
-    verbs.home(engine)
-    verbs.move_to(engine, 0.0)
-    for _ in range(2):
-        indent(engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
-    nominal_mm = -limits.search_mm - limits.max_doi_mm
-    place_mm = PREDICTED.contact_mm + nominal_mm
-    assert told[:2] == pytest.approx([nominal_mm, place_mm])
-    assert told[3] == pytest.approx(place_mm)
-    for touched_mm in (told[2], told[4]):
-        assert touched_mm == pytest.approx(PREDICTED.contact_mm - limits.max_doi_mm - 0.05, abs=0.02)
-    assert (len(told), all(at_rest)) == (5, True)
-    bench.journal.close()

@@ -12,13 +12,16 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import looked_after_by
-from rig.devices.base import ForceTimeout, StageError
+from rig.devices.base import ForceBusy, ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
 from rig.engine.limits import FingerStiffness
+from rig.engine.motion import UP
 from rig.engine.sensing import ForceZero
+from rig.engine.steps import Steps
+from rig.errors import RigError
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
@@ -34,7 +37,7 @@ def test_a_lift_is_straight_up_at_the_speed_of_travel(to_mm: float | None, lifte
     assert bench.stage.told[-1][3] == (0.5 if lifted_mm == 1.95 else 5.0)
 
 
-def test_what_was_lifted_is_clear_and_no_press() -> None:
+def test_a_retract_ends_contact_pressure_limit_contact_time_and_heartbeat() -> None:
     bench = StubBench()
     engine = bench.in_contact()
     engine.trips.press_on(1.0)
@@ -74,7 +77,7 @@ def _read(bench: StubBench) -> None:
         (3.0, False, "unknown", None),
     ],
 )
-def test_until_it_is_measured_contact_is_known_by_place_and_last_force_from_a_zero(
+def test_before_a_measurement_contact_follows_from_position_and_last_force(
     last: Callable[[StubBench], None], shows_gwt: float, zeroed: bool, kind: str, force_gwt: float | None
 ) -> None:
     bench = StubBench()
@@ -100,7 +103,7 @@ def test_until_it_is_measured_contact_is_known_by_place_and_last_force_from_a_ze
         (10.0, False, 0.06, "touching"),
     ],
 )
-def test_contact_at_rest_is_what_position_and_force_say(
+def test_contact_at_rest_follows_from_position_and_force(
     height_mm: float, homed: bool, shows_gwt: float, kind: str
 ) -> None:
     bench = StubBench()
@@ -110,7 +113,7 @@ def test_contact_at_rest_is_what_position_and_force_say(
     assert engine.measure_contact().kind == kind
 
 
-def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenever_it_is_measured() -> None:
+def test_contact_is_recorded_before_the_first_motion_below_clearance_and_at_each_measurement() -> None:
     bench, kept = StubBench(), list[KnownContact]()
     engine = bench.ready()
     engine.memory = KeptMemory(kept)
@@ -133,7 +136,7 @@ def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenev
     ("moved", "after_s", "since", "measures"),
     [(False, 0.0, False, False), (True, 0.0, False, False), (True, 2.0, False, True), (True, 0.0, True, True)],
 )
-def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
+def test_at_the_end_of_a_run_contact_is_measured_unless_nothing_moved_or_it_was_just_measured(
     moved: bool, after_s: float, since: bool, measures: bool
 ) -> None:
     """since: whether it moved after the last measurement, be it an instant ago."""
@@ -149,7 +152,7 @@ def test_at_the_end_contact_is_measured_unless_nothing_moved_or_it_just_was(
     assert (len(bench.force.read_s) > read) is measures
 
 
-def test_a_stage_that_may_have_lost_its_lowest_height_is_told_it_again() -> None:
+def test_the_depth_limit_of_a_stage_is_sent_again_after_it_may_be_lost() -> None:
     """After it was forgotten, after a stop, and after one that was not confirmed."""
     bench = StubBench()
     engine = bench.ready()
@@ -172,7 +175,7 @@ def test_a_stage_that_may_have_lost_its_lowest_height_is_told_it_again() -> None
 @pytest.mark.parametrize(
     ("height_mm", "force_gwt", "touched"), [(1.95, 0.06, True), (1.95, 0.04, False), (2.0, 0.06, False)]
 )
-def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_clearance(
+def test_contact_time_begins_with_the_first_touch_below_clearance(
     height_mm: float, force_gwt: float, touched: bool
 ) -> None:
     """Contact is 0.05 gwt; what a sensor shows at clearance is no touch."""
@@ -226,7 +229,7 @@ def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed
 # --- what is felt on the way ---
 
 
-def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
+def test_the_lift_after_a_trip_reads_no_force() -> None:
     bench = StubBench()
     engine = bench.in_contact()
     asked = len(bench.force.read_s)
@@ -245,11 +248,42 @@ def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
     assert (engine.known_contact.kind, engine.known_contact.may_touch) == ("raised", True)
 
 
+WHILE_MOVING: dict[str, Callable[[StubBench], object]] = {
+    "soft_trip": lambda bench: setattr(bench.force, "shows_gwt", -60.0),
+    "hard_trip": lambda bench: (
+        setattr(bench.engine.trips, "soft_gwt", 1e9), setattr(bench.force, "shows_gwt", 600.0)),
+    "no_reading": lambda bench: setattr(bench.force, "at_read", raising(ForceTimeout("no answer"))),
+    "stop_input": lambda bench: setattr(
+        bench.engine, "stop_inputs",
+        lambda engine, *, at_rest: None if at_rest else TripError("pressed", "stop_input")),
+    "suspended": lambda bench: setattr(bench.clock, "suspended_s", lambda: 9.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("code", WHILE_MOVING)
+def test_a_motion_is_halted_and_trips_at_the_next_status(code: str) -> None:
+    """The soft trip is 51 gwt; the increment of 2.5 s is looked at every 0.1 s."""
+    bench, heights_mm = StubBench(soft_trip_n=0.5), list[float]()
+    engine = bench.in_contact()
+
+    def look() -> None:
+        heights_mm.append(bench.height_mm)
+        if len(heights_mm) == 3:
+            WHILE_MOVING[code](bench)
+
+    bench.stage.at_look = look
+    with raises(TripError, code):
+        engine.go_to_height(1.90, 0.02)
+    assert "halt" in bench.stage.told
+    assert min(heights_mm) == pytest.approx(1.95 - 3 * 0.002, abs=1e-6)
+    assert engine.state is State.TRIPPED
+
+
 @pytest.mark.parametrize(
     ("shows_gwt", "touch_ends_it", "goes"),
     [(3.0, False, True), (3.0, True, False), (-3.0, True, False), (0.04, True, True)],
 )
-def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
+def test_a_touch_ends_only_a_motion_that_should_end_at_a_touch(
     shows_gwt: float, touch_ends_it: bool, goes: bool
 ) -> None:
     bench = StubBench()
@@ -261,7 +295,9 @@ def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
 
 
 @pytest.mark.parametrize(("more_s", "trips"), [(0.4, False), (0.5, False), (0.6, True)])
-def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_s: float, trips: bool) -> None:
+def test_a_suspension_in_contact_trips_if_it_exceeds_half_a_second_since_the_last_poll(
+    more_s: float, trips: bool
+) -> None:
     """What it slept before, and in the air, does not count; nor do naps within half a second each."""
     bench, slept = StubBench(), [3600.0]
     bench.clock.suspended_s = lambda: slept[0]  # type: ignore[method-assign]
@@ -283,7 +319,7 @@ def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_
     ("to_mm", "speed_mm_s", "promised_s"),
     [(1.90, 0.5, 3.2), (1.90, 0.05, 5.0), (2.0, 0.5, 3.2), (1.94, 0.5, 3.04)],
 )
-def test_a_move_below_clearance_may_take_twice_its_time_before_the_heartbeat_is_missed(
+def test_the_heartbeat_allows_a_move_below_clearance_twice_its_duration(
     to_mm: float, speed_mm_s: float, promised_s: float
 ) -> None:
     """From 1.95 mm; at each look it promises 3 s again."""
@@ -296,7 +332,7 @@ def test_a_move_below_clearance_may_take_twice_its_time_before_the_heartbeat_is_
     assert set(promised[1:]) == {3.0}
 
 
-def test_the_wait_for_a_reading_is_part_of_the_promise() -> None:
+def test_the_heartbeat_includes_the_wait_for_a_reading() -> None:
     """Two periods of 0.05 s and 0.1 s late after a move, then one period."""
     bench = StubBench({"force": {"latency_s": 0.1}, "habits": {"settle_readings": 2}, "limits": {"heartbeat_s": 4.0}})
     engine = bench.in_contact()
@@ -306,7 +342,7 @@ def test_the_wait_for_a_reading_is_part_of_the_promise() -> None:
     assert promised == pytest.approx([4.2, 4.05, 4.05])
 
 
-def test_an_engine_that_comes_back_too_late_finds_its_promise_broken() -> None:
+def test_an_engine_that_was_silent_too_long_stops_the_stage_and_trips() -> None:
     """Nobody else looked: it stops the stage itself, stays where it is, and can still be read afterwards."""
     bench = StubBench()
     engine = bench.in_contact()
@@ -339,11 +375,44 @@ def test_the_wait_for_a_dead_sensor_loses_no_heartbeat(silent_s: float) -> None:
     assert bench.height_mm == 2.0
 
 
+@pytest.mark.parametrize("speed_mm_s", [0.05, 2.0])
+def test_the_heartbeat_allows_a_step_at_an_unknown_height_twice_its_duration(
+    speed_mm_s: float,
+) -> None:
+    """Up in parts of habits.descent_step_mm, 0.5 mm."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.stage.homed, engine.state = False, State.UNHOMED
+    promised = bench.promises()
+    Steps(engine).make(UP, 1.2, speed_mm_s)
+    longest_s = 3.0 + 2.0 * bench.settings.habits.descent_step_mm / speed_mm_s
+    assert max(promised) == pytest.approx(longest_s)
+
+
+@pytest.mark.parametrize("busy_s", [0.6, 0.99])
+def test_a_sensor_that_is_busy_at_rest_loses_no_heartbeat(busy_s: float) -> None:
+    """A heartbeat of 0.5 s: the engine asks again all the while, for up to a second."""
+    bench = StubBench({"limits": {"heartbeat_s": 0.5}})
+    engine = bench.in_contact()
+    until_s = bench.clock.monotonic_s() + busy_s
+
+    def busy() -> None:
+        if bench.clock.monotonic_s() < until_s:
+            raise ForceBusy("no value now")
+
+    for read in (*READINGS.values(), lambda engine: engine.measure_contact(), lambda engine: engine.make_safe()):
+        until_s, bench.force.at_read = bench.clock.monotonic_s() + busy_s, busy
+        with looked_after_by(bench.clock, engine.heartbeat):
+            read(engine)
+    assert not engine.heartbeat.lost
+    assert "stop" not in bench.stage.told
+
+
 # --- a stage that leaves its way ---
 
 
 @pytest.mark.parametrize(("from_mm", "to_mm"), [(1.95, None), (1.5, None), (3.0, 10.0), (24.0, 25.0)])
-def test_from_a_way_that_it_left_it_goes_up_by_clearance_at_least(from_mm: float, to_mm: float | None) -> None:
+def test_a_stage_that_strayed_is_lifted_by_at_least_clearance(from_mm: float, to_mm: float | None) -> None:
     """Since its height is not trusted any more. From above clearance to habits.park_height_mm, 10 mm, and never
     beyond the top of the travel, 25 mm.
     """
@@ -365,7 +434,7 @@ def test_from_a_way_that_it_left_it_goes_up_by_clearance_at_least(from_mm: float
     assert bench.height_mm == pytest.approx(at_mm[-1] + 2.0 if to_mm is None else to_mm, abs=0.01)
 
 
-def test_a_slow_lift_of_a_stage_that_left_its_way_loses_no_heartbeat() -> None:
+def test_a_slow_lift_of_a_stage_that_strayed_loses_no_heartbeat() -> None:
     """2 mm at 0.5 mm/s take 4 s, and the heartbeat 3."""
     bench = StubBench({"habits": {"travel_speed_mm_s": 0.5}})
     engine = bench.in_contact()
@@ -380,7 +449,7 @@ def test_a_slow_lift_of_a_stage_that_left_its_way_loses_no_heartbeat() -> None:
 
 
 @pytest.mark.parametrize(("off_mm", "strays"), [(0.0050, False), (0.0054, False), (0.0056, True)])
-def test_a_report_may_be_off_by_a_step_and_what_it_is_rounded_by(off_mm: float, strays: bool) -> None:
+def test_a_reported_position_may_be_off_by_a_step_and_its_rounding(off_mm: float, strays: bool) -> None:
     """A step of 2.5 um at 400 steps/mm; 3 um more are the rounding of reports and the error of a feedback."""
     bench = StubBench()
     engine = bench.in_contact()
@@ -409,7 +478,7 @@ def test_a_report_may_be_off_by_a_step_and_what_it_is_rounded_by(off_mm: float, 
         (True, 600.0, "hard_trip"),
     ],
 )
-def test_a_force_that_homing_leaves_trips_after_a_touch_or_above_a_trip(
+def test_a_force_that_remains_after_homing_trips_after_a_contact_or_above_a_trip(
     below: bool, shows_gwt: float, code: str | None
 ) -> None:
     """Else the zero has drifted."""
@@ -425,7 +494,7 @@ def test_a_force_that_homing_leaves_trips_after_a_touch_or_above_a_trip(
 
 
 @pytest.mark.parametrize(("zeroed", "code"), [(True, "not_lifted"), (False, None)])
-def test_a_sensor_that_homing_silences_trips_where_it_was_zeroed(zeroed: bool, code: str | None) -> None:
+def test_a_zeroed_sensor_that_falls_silent_while_homing_trips(zeroed: bool, code: str | None) -> None:
     bench = StubBench()
     engine = bench.ready()
     if not zeroed:
@@ -455,7 +524,7 @@ LEFT: dict[str, tuple[LastKnown, bool, float, bool, bool, str | None]] = {
 
 
 @pytest.mark.parametrize("name", LEFT)
-def test_what_the_last_command_left_is_left_first(name: str) -> None:
+def test_a_run_homes_first_where_the_last_command_may_have_left_a_contact(name: str) -> None:
     """A touch is 0.12 gwt from the zero on record, by its noise; without a touch on record that may be any drift."""
     before, resumed, shows_gwt, homes, alarms, code = LEFT[name]
     if shows_gwt < 9.0:
@@ -474,7 +543,7 @@ def test_what_the_last_command_left_is_left_first(name: str) -> None:
 # --- a rest ---
 
 
-def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_second() -> None:
+def test_a_rest_polls_inputs_and_force_and_records_a_reading_each_second() -> None:
     """Not in its last fifth of a second."""
     bench = StubBench()
     engine = bench.ready()
@@ -498,7 +567,7 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     assert [sample["phase"] for sample in recorded] == 3 * ["rest"]
 
 
-def test_a_rest_lasts_as_long_as_asked_also_with_a_slow_sensor() -> None:
+def test_a_rest_with_a_slow_sensor_lasts_as_long_as_requested() -> None:
     bench = StubBench()
     engine = bench.ready()
     bench.force.sample_period_s = 0.5
@@ -507,7 +576,7 @@ def test_a_rest_lasts_as_long_as_asked_also_with_a_slow_sensor() -> None:
     assert bench.clock.monotonic_s() - begun_s == pytest.approx(3.8, abs=0.11)
 
 
-def test_only_the_touch_counts_as_contact_time_in_a_rest() -> None:
+def test_only_a_touch_counts_as_contact_time_in_a_rest() -> None:
     bench = StubBench()
     engine = bench.ready()
     for after_s, gwt in ((1.0, 0.3), (2.0, 0.0)):
@@ -518,7 +587,7 @@ def test_only_the_touch_counts_as_contact_time_in_a_rest() -> None:
     assert engine.contact_time.total_s == pytest.approx(1.0, abs=0.2)
 
 
-def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
+def test_a_finger_that_touches_for_too_long_in_a_rest_is_lifted_off() -> None:
     """The indentor goes up to habits.park_height_mm."""
     bench = StubBench({"limits": {"max_contact_s": 2.0}})
     engine = bench.ready()
@@ -531,7 +600,7 @@ def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
 # --- places and zeros ---
 
 
-def test_a_place_is_at_clearance_to_the_micrometer() -> None:
+def test_a_move_to_a_position_ends_exactly_at_clearance() -> None:
     bench = StubBench()
     engine = bench.ready()
     engine.go_to_height(2.015, 0.5)
@@ -540,7 +609,7 @@ def test_a_place_is_at_clearance_to_the_micrometer() -> None:
 
 
 @pytest.mark.parametrize(("height_mm", "fast"), [(9.97, False), (9.985, True), (10.0, True), (12.0, True)])
-def test_from_the_park_height_on_a_place_is_gone_to_at_the_speed_of_travel(height_mm: float, fast: bool) -> None:
+def test_from_the_park_height_up_a_move_sideways_has_travel_speed(height_mm: float, fast: bool) -> None:
     bench = StubBench(stiffness=FingerStiffness(1000.0))
     engine = bench.ready()
     engine.go_to_height(height_mm, 2.0)
@@ -548,7 +617,7 @@ def test_from_the_park_height_on_a_place_is_gone_to_at_the_speed_of_travel(heigh
     assert (bench.stage.told[-1][3] == bench.settings.habits.travel_speed_mm_s) is fast
 
 
-def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
+def test_above_a_stiffer_finger_a_move_sideways_is_slower() -> None:
     speeds_mm_s = []
     for stiffness in (None, FingerStiffness(1000.0)):
         bench = StubBench(stiffness=stiffness)
@@ -560,7 +629,7 @@ def test_a_finger_that_is_predicted_stiffer_is_passed_more_slowly() -> None:
 @pytest.mark.parametrize(
     ("since_s", "drifts_gwt_s", "measured_at_rest"), [(0.3, 0.0, False), (1.5, 0.0, True), (1.5, 0.4, True)]
 )
-def test_no_move_sideways_begins_on_a_lift_that_was_measured_long_ago(
+def test_a_move_sideways_begins_only_on_a_lift_measured_within_a_second(
     since_s: float, drifts_gwt_s: float, measured_at_rest: bool
 ) -> None:
     """After a second two readings at rest must agree again: one of a touch may pass through zero."""
@@ -581,7 +650,9 @@ def test_no_move_sideways_begins_on_a_lift_that_was_measured_long_ago(
 
 
 @pytest.mark.parametrize("called_each_s", [0.01, 0.3, 2.0])
-def test_a_wait_asks_inputs_and_force_each_tenth_of_a_second_and_the_stage_each_second(called_each_s: float) -> None:
+def test_a_wait_polls_inputs_and_force_every_tenth_of_a_second_and_the_stage_every_second(
+    called_each_s: float,
+) -> None:
     """However often it is called; not all that it asks goes into the journal."""
     bench = StubBench()
     engine, inputs = bench.ready(), list[float]()
@@ -602,7 +673,7 @@ def test_a_wait_asks_inputs_and_force_each_tenth_of_a_second_and_the_stage_each_
 
 
 @pytest.mark.parametrize(("gwt", "below_mm", "code"), [(0.06, 8.2, True), (-0.06, 8.2, True), (0.04, 8.2, False)])
-def test_the_way_down_to_clearance_is_slow_and_ends_at_a_push_or_a_pull(
+def test_the_descent_to_clearance_is_slow_and_ends_at_a_push_or_a_pull(
     gwt: float, below_mm: float, code: bool
 ) -> None:
     bench = StubBench()
@@ -621,7 +692,7 @@ def test_the_way_down_to_clearance_is_slow_and_ends_at_a_push_or_a_pull(
 
 
 @pytest.mark.timeout(60)
-def test_a_move_sideways_ends_at_its_target_though_each_look_shows_a_touch() -> None:
+def test_a_move_sideways_of_a_shaking_stage_ends_at_its_target() -> None:
     bench = StubBench()
     engine = bench.ready()
     looked = list[bool]()
@@ -637,7 +708,7 @@ def test_a_move_sideways_ends_at_its_target_though_each_look_shows_a_touch() -> 
 
 
 @pytest.mark.parametrize(("from_mm", "to_mm"), [((0.0, 0.0), (3.0, 0.0)), ((-2.0, 1.5), (2.0, -1.5))])
-def test_a_stage_that_shakes_goes_sideways_straight_and_by_steps_that_may_drag_a_finger(
+def test_a_shaking_stage_moves_sideways_straight_and_by_steps_within_the_drag_limit(
     from_mm: tuple[float, float], to_mm: tuple[float, float]
 ) -> None:
     """The sensor shows a touch whenever the stage moves, and none at rest."""
@@ -671,7 +742,7 @@ def test_a_stage_that_shakes_goes_sideways_straight_and_by_steps_that_may_drag_a
         assert math.dist(from_mm, at_mm) + math.dist(at_mm, to_mm) == pytest.approx(math.dist(from_mm, to_mm))
 
 
-def test_before_the_first_zero_no_place_is_called_lifted() -> None:
+def test_before_the_first_zero_no_position_is_reported_as_lifted() -> None:
     """Forces count from readings at the place before: a change is no force."""
     bench, kept = StubBench(), KeptMemory()
     verbs.home(bench.engine)
@@ -690,12 +761,30 @@ def test_a_zero_journals_the_reading_in_the_air() -> None:
     assert zero == {"sensor": "stub sensor", "noise_gwt": 0.0, "offset_gwt": pytest.approx(7.0), "drift_gwt": None}
 
 
+@pytest.mark.parametrize("kind", [TripError, LimitError])
+@pytest.mark.parametrize(("change_gwt", "touched"), [(0.0499, False), (0.05, True), (-0.0499, False), (-0.05, True)])
+def test_a_zero_whose_lift_changes_the_force_by_a_touch_is_refused(
+    kind: type[RigError], change_gwt: float, touched: bool
+) -> None:
+    """In a run by a trip, under manual control as a limit."""
+    found = verbs.zero_in_contact_error(kind, StubBench().engine.sensing, change_gwt)
+    assert (found is not None) is touched
+    assert found is None or (type(found), found.code) == (kind, "zero_in_contact")
+
+
+@pytest.mark.parametrize(("noise_gwt", "refused"), [(0.1, False), (0.1001, True)])
+def test_a_zero_whose_readings_scatter_by_more_than_ten_steps_is_refused(noise_gwt: float, refused: bool) -> None:
+    found = verbs.zero_noise_error(LimitError, StubBench().engine.sensing, ForceZero(0.0, noise_gwt))
+    assert (found is not None) is refused
+    assert found is None or (type(found), found.code) == (LimitError, "zero_scatters")
+
+
 # --- on a board and a balance ---
 
 Make = Callable[..., Any]
 
 
-def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
+def test_a_position_outside_the_lateral_limits_is_refused(spring: Make) -> None:
     """limits.x_mm is ± 6, limits.along_mm ± 4."""
     bench = spring()
     engine = bench.ready()
@@ -707,7 +796,7 @@ def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
     assert engine.state is State.READY
 
 
-def test_homing_begins_anew() -> None:
+def test_homing_resets_state_position_contacts_and_depth_limit() -> None:
     """However long ago the engine said anything; contacts, place and limit of depth are those of before."""
     bench = StubBench()
     engine = bench.in_contact()
@@ -722,7 +811,7 @@ def test_homing_begins_anew() -> None:
     assert not engine.heartbeat.lost
 
 
-def test_a_trip_at_rest_that_does_not_lift_leaves_the_touch_on_record() -> None:
+def test_a_trip_at_rest_that_does_not_lift_records_a_possible_contact() -> None:
     """Contact was measured just before: a finger came up since."""
     bench = StubBench({"limits": {"on_trip": "stop"}})
     engine, kept = bench.ready(), KeptMemory()

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceTimeout, StageError, StageOverridden
-from rig.engine import PressId, RecordError, RunAborted, Target, TripError, indent, verbs
+from rig.engine import PressId, RecordError, TripError, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
 from rig.transport.wire import TransportError
@@ -50,7 +50,7 @@ def _stop_read_make_safe(engine: Any) -> None:
 @pytest.mark.parametrize(
     "end", [_retract, _trip, _trip_unlifted, _stop, _make_safe, _stop_read_make_safe], ids=lambda f: f.__name__
 )
-def test_after_an_end_there_is_nothing_to_watch(end: Callable[[Any], None]) -> None:
+def test_after_every_ending_the_heartbeat_rests(end: Callable[[Any], None]) -> None:
     engine = StubBench().in_contact()
     end(engine)
     engine.clock.wait_s(3600.0)
@@ -62,7 +62,7 @@ def test_after_an_end_there_is_nothing_to_watch(end: Callable[[Any], None]) -> N
 
 
 @pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 2.0), ("park", 10.0), ("stop", 1.95)])
-def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: float) -> None:
+def test_a_trip_lifts_parks_or_stops_as_configured_and_stays_latched(on_trip: str, height_mm: float) -> None:
     bench = StubBench({"limits": {"on_trip": on_trip}})
     engine = bench.in_contact()
     bench.force.shows_gwt = 1.0
@@ -80,7 +80,7 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
 
 
 @pytest.mark.parametrize("error", [StageError("it does not move", "stuck"), TransportError("stage is closed")])
-def test_a_trip_stays_latched_when_its_lift_fails_and_is_named_beside_it(error: RigError) -> None:
+def test_a_trip_whose_lift_fails_stays_latched_and_names_both(error: RigError) -> None:
     bench = StubBench()
     engine = bench.in_contact()
     bench.stage.at_look = raising(error)
@@ -93,7 +93,7 @@ def test_a_trip_stays_latched_when_its_lift_fails_and_is_named_beside_it(error: 
     assert bench.stage.told[-1] == "stop"
 
 
-def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
+def test_a_trip_that_cannot_be_journaled_still_trips() -> None:
     bench = StubBench()
     engine = bench.in_contact()
     bench.at_event = raising(RecordError("the disk is full"))
@@ -102,7 +102,7 @@ def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
     assert engine.problem is tripped.value
 
 
-def test_a_reading_above_the_trip_that_cannot_be_written_is_a_trip() -> None:
+def test_a_reading_above_the_trip_that_cannot_be_journaled_still_trips() -> None:
     bench = StubBench(soft_trip_n=0.5)
     engine = bench.in_contact()
     bench.at_event, bench.force.shows_gwt = raising(RecordError("the disk is full")), 60.0
@@ -112,7 +112,7 @@ def test_a_reading_above_the_trip_that_cannot_be_written_is_a_trip() -> None:
 
 
 @pytest.mark.parametrize(("on_alarm", "trips"), [("warn", False), ("trip", True)])
-def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips: bool) -> None:
+def test_an_alarm_is_journaled_and_trips_where_configured(on_alarm: str, trips: bool) -> None:
     bench = StubBench({"limits": {"on_alarm": on_alarm}})
     engine = bench.ready()
     if trips:
@@ -124,7 +124,7 @@ def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips:
     assert engine.state is (State.TRIPPED if trips else State.READY)
 
 
-def test_a_stop_that_fails_has_nothing_to_add() -> None:
+def test_a_stop_that_fails_raises_nothing() -> None:
     error = TransportError("stage is closed")
     bench = StubBench()
     engine = bench.ready()
@@ -136,7 +136,7 @@ def test_a_stop_that_fails_has_nothing_to_add() -> None:
 # --- failures elsewhere ---
 
 
-def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept() -> None:
+def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_reported() -> None:
     error = TransportError("stage is closed")
     bench = StubBench()
     engine = bench.in_contact()
@@ -151,7 +151,7 @@ def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept() -> None:
     assert engine.problem is error
 
 
-def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
+def test_after_a_failure_elsewhere_the_indentor_lifts() -> None:
     bench = StubBench()
     engine = bench.in_contact()
     engine.make_safe()
@@ -167,7 +167,7 @@ def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
     ],
     ids=["failed", "untrusted"],
 )
-def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[StubBench], None]) -> None:
+def test_where_the_indentor_cannot_lift_the_stage_is_stopped(spoil: Callable[[StubBench], None]) -> None:
     """And once more, since what failed may have lost the first stop."""
     bench = StubBench()
     engine = bench.in_contact()
@@ -177,7 +177,7 @@ def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[S
     assert engine.state is not State.READY
 
 
-def test_a_silent_sensor_keeps_nothing_on_the_finger() -> None:
+def test_a_silent_sensor_does_not_prevent_the_lift() -> None:
     """It is raised all the same; nothing says that it is lifted."""
     bench = StubBench()
     engine = bench.in_contact()
@@ -205,7 +205,7 @@ def test_a_run_that_cannot_be_recorded_ends_lifted() -> None:
 
 
 @pytest.mark.parametrize("times", [1, 4, 5])
-def test_a_lift_that_an_operator_interrupts_is_made_again_four_times_and_is_the_same_trip(times: int) -> None:
+def test_a_lift_that_an_override_interrupts_is_repeated_up_to_four_times(times: int) -> None:
     bench = StubBench({"limits": {"on_trip": "park"}})
     engine = bench.in_contact()
     left = [True] * times
@@ -255,41 +255,3 @@ def test_a_lift_that_the_force_does_not_confirm_trips(
     assert engine.state is (State.TRIPPED if code else State.READY)
     lifted = [event["contact"] == "lifted" for event in bench.of("retract")]
     assert lifted == [code is None and zeroed]
-
-
-# --- on a board and a balance ---
-
-Make = Callable[..., Any]
-
-FORCE = Target("force_gwt", 2.33)
-
-
-def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
-    return indent(engine, target, **{"hold_s": 0.2, **manner})
-
-
-@pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
-def test_an_interrupt_lifts_journals_and_ends_the_run(spring: Make, phase: str) -> None:
-    bench = spring()
-    engine = bench.ready()
-    bench.interrupt = lambda: any(e["phase"] == phase for e in bench.of("sample"))
-    with raises(RunAborted, "stopped_at_a_safe_point"):
-        _press(engine, hold_s=600.0)
-    assert [stream for stream, _ in bench.events[-3:]] == ["sample", "retract", "paused"]
-    assert bench.of("sample")[-1]["phase"] == phase
-    assert bench.of("paused") == [{"reason": "operator"}]
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert engine.state is State.READY
-
-
-def test_an_interrupt_between_indentations_moves_nothing(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    bench.interrupt = lambda: True
-    with raises(RunAborted, "stopped_at_a_safe_point"):
-        verbs.move_to(engine, 1.0)
-    with raises(RunAborted, "stopped_at_a_safe_point"):
-        _press(engine)
-    assert len(bench.moves()) == before
-    assert bench.of("indentation_start") == []

@@ -161,7 +161,7 @@ def test_every_bench_command_that_moves_handles_signals_and_the_participants_sto
     monkeypatch: pytest.MonkeyPatch,
     dispositions: dict[str, Any],
 ) -> None:
-    """The process under manual control is not begun here; its stop: test_promises_by_hand.py."""
+    """The process under manual control is not begun here; its stop: test_manual_promises.py."""
     pipe, stops = tmp_path / "pedal", list[int]()
     os.mkfifo(pipe)
     file = os.open(pipe, os.O_RDWR)

@@ -1,8 +1,10 @@
-"""Presses under faults of the stages and the sensor that are not in tests/faults/catalogue.py."""
+"""Presses beside a device that is busy or has no value, and what a sensor of several axes adds to the journal.
+
+Every other fault of a wire or a device: tests/contracts, tests/faults/catalogue.py, studies/faults/campaign.
+"""
 
 import itertools
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,54 +13,17 @@ import pytest
 
 from rig.devices.registry import ForceKind, find
 from sim.devices.modbus import RegisterFault
-from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed
-from tests.error_codes import causes, shows
+from studies.faults.faulty_bench import TARGET, FaultyBench, bound_gwt
+from tests.error_codes import causes
 from tests.faults.catalogue import Fault
 from tests.faults.outcomes import suffer
 
 NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
 """A short way from the switches, below where a virtual stage begins."""
-TMCL: dict[str, Any] = {"stage": {"kind": "tmcl"}, **NEAR}
-ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}, **NEAR}
-STANDA: dict[str, Any] = {"stage": {"kind": "standa"}, **NEAR}
 NET_FT: dict[str, Any] = {"force": {"kind": "net_ft"}, **NEAR}
 HELD_TO_GWT = 0.1
 APART = 12
-"""Messages between two faults."""
-
-
-def _in_press(act: Callable[[FaultyBench], object]) -> Callable[[FaultyBench], object]:
-    return lambda bench: bench.after("press", lambda: act(bench))
-
-
-def _line(bench: FaultyBench) -> Any:
-    return bench.force_line if bench.config.force.kind == "net_ft" else bench.stage_line
-
-
-def _changed(change: Change) -> Callable[[FaultyBench], object]:
-    return _in_press(lambda bench: bench.change(_line(bench), change))
-
-
-def _bad_bit(data: bytes) -> list[bytes]:
-    return [data[:6] + bytes([data[6] ^ 4]) + data[7:]]
-
-
-def _bad_status(data: bytes) -> list[bytes]:
-    return [data[:20] + bytes([data[20] ^ 4]) + data[21:]] if data[:4] == b"gets" else [data]
-
-
-def _if(kind: Callable[[bytes], bool], change: Change) -> Change:
-    return lambda data: change(data) if kind(data) else [data]
-
-
-def _answers_a_read(data: bytes) -> bool:
-    """Of a TMCL module: the answer to GAP."""
-    return data[3] == 6
-
-
-def _tells_a_place(data: bytes) -> bool:
-    """Of a Zaber device: the answer to a question, which is repeated."""
-    return re.search(rb"(IDLE|BUSY) .. [1-9]", data) is not None
+"""Answers between two refusals."""
 
 
 def _events(folder: Path) -> list[dict[str, Any]]:
@@ -69,28 +34,6 @@ def _is(document: dict[str, Any], kind: str, stream: str) -> bool:
     return (document["doc"], document.get("stream")) == (kind, stream)
 
 
-# --- what ends nothing ---
-
-HARMLESS: dict[str, tuple[dict[str, Any], tuple[Change, ...]]] = {
-    "tmcl": (
-        TMCL,
-        (
-            _if(_answers_a_read, lambda data: []),
-            _if(_answers_a_read, _bad_bit),
-            _if(_answers_a_read, lambda data: [data, data]),
-            lambda data: [b"\x02" + data],
-        ),
-    ),
-    "zaber": (
-        ZABER,
-        (_if(_tells_a_place, lambda data: []), _if(_tells_a_place, lambda data: [data.replace(b"OK", b"OJ")])),
-    ),
-    "standa": (STANDA, (_if(lambda data: data[:4] == b"gets", lambda data: []), _bad_status)),
-    "net_ft": (NET_FT, (lambda data: [], lambda data: [data[:18]], lambda data: [data, data])),
-}
-"""Messages that are lost, wrong, doubled or cut, one at a time."""
-
-
 def _pressed_to_the_same_force(strike: Callable[[FaultyBench], object], tables: dict[str, Any], folder: Path) -> None:
     found = suffer(Fault("harmless", "done", "", strike, tables), folder)
     assert (found.outcome, found.ended_by) == ("done", None)
@@ -98,25 +41,6 @@ def _pressed_to_the_same_force(strike: Callable[[FaultyBench], object], tables: 
     assert forces == pytest.approx([TARGET.value] * 2, abs=HELD_TO_GWT)
     assert found.worst_gwt <= TARGET.value + HELD_TO_GWT
 
-
-@pytest.mark.parametrize("kind", HARMLESS)
-def test_a_press_survives_an_occasional_wrong_message(kind: str, tmp_path: Path) -> None:
-    tables, changes = HARMLESS[kind]
-    left, since = list(changes), [0]
-
-    def in_turn(data: bytes) -> list[bytes]:
-        since[0] += 1
-        if not left or since[0] < APART or (found := left[0](data)) == [data]:
-            return [data]
-        left.pop(0)
-        since[0] = 0
-        return found
-
-    _pressed_to_the_same_force(_changed(in_turn), tables, tmp_path)
-    assert not left
-
-
-# --- a device that is busy ---
 
 Now = Callable[[], bool]
 """Whether the next request or answer is refused."""
@@ -205,75 +129,6 @@ def test_a_device_without_a_value_ends_the_press(name: str, phase: str, tmp_path
         assert ("busy" if name in BUSY else code) in causes(found.ended_by)
     else:
         assert "busy" in {found.ended_by.code, *causes(found.ended_by)}
-
-
-def _late_in_pieces(bench: FaultyBench) -> None:
-    if bench.config.force.kind != "net_ft":  # a datagram comes whole
-        bench.change(_line(bench), lambda data: [data[:4], data[4:]])
-    delayed(bench, _line(bench), 0.1)
-
-
-@pytest.mark.parametrize("kind", ["tmcl", "net_ft"])
-def test_a_press_survives_replies_that_come_late_and_in_pieces(kind: str, tmp_path: Path) -> None:
-    found = suffer(Fault("late", "done", "", _in_press(_late_in_pieces), HARMLESS[kind][0]), tmp_path)
-    assert (found.outcome, found.ended_by) == ("done", None)
-    assert found.worst_gwt <= bound_gwt()
-
-
-def test_a_press_survives_half_a_command_from_another_program(tmp_path: Path) -> None:
-    """A Standa controller takes the next one for its end."""
-    _pressed_to_the_same_force(_in_press(lambda b: b.stage_line.host_write(b"move\x01\x00")), STANDA, tmp_path)
-
-
-# --- what ends a press ---
-
-
-def _status(word: int) -> Callable[[FaultyBench], object]:
-    return _in_press(lambda bench: setattr(bench.sensor, "status", word))
-
-
-def _silence(data: bytes) -> list[bytes]:
-    return []
-
-
-# Every alarm of a stage: tests/rig/test_tmcl_driver.py and its like; garbled replies and a cut wire: tests/contracts.
-FAULTS = {
-    "tmcl: steps lost": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), TMCL, shows=207),
-    "tmcl: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.press("right")), TMCL, shows="x axis"),
-    "zaber: stalled": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), ZABER, shows="FS"),
-    "zaber: pushed": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.warn("WM")), ZABER, shows="WM"),
-    "standa: an alarm": Fault(
-        "", "held", "alarm", _in_press(lambda b: b.board.z.fail(0x800)), STANDA, shows="z axis"
-    ),
-    "standa: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.fail(0x200)), STANDA, shows="x axis"),
-    **{
-        f"{tables['stage']['kind']}: {name}": Fault("", "held", code, strike, tables, shows)
-        for tables in (TMCL, ZABER, STANDA)
-        for name, code, strike, shows in (
-            ("power lost", "was_reset", _in_press(lambda b: b.board.power_cycle()), "z axis"),
-            ("silence", "no_reply", _changed(_silence), "stage"),
-        )
-    },
-    **{
-        f"net_ft: {code}": Fault("", "lifted", "no_reading", strike, NET_FT, cause=code)
-        for code, strike in (
-            ("saturated", _status(0x80020000)),
-            ("no_reply", _changed(_silence)),
-            ("closed", _in_press(lambda b: b.force_wire.close())),
-        )
-    },
-}
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_device_fault_in_a_press_ends_it_with_its_code_within_the_force_bound(name: str, tmp_path: Path) -> None:
-    fault = FAULTS[name]
-    found = suffer(fault, tmp_path)
-    assert found.ended_by is not None
-    assert (found.outcome, found.ended_by.code) == (fault.outcome, fault.code), str(found.ended_by)
-    assert shows(str(found.ended_by), fault.shows)
-    assert fault.cause in ("", *causes(found.ended_by))
-    assert found.worst_gwt <= bound_gwt()
 
 
 # --- what a Net F/T journals ---

@@ -21,7 +21,7 @@ def _watched() -> tuple[VirtualClock, Heartbeat, list[float]]:
     return clock, Heartbeat(clock, lambda: stopped_s.append(clock.monotonic_s())), stopped_s
 
 
-def test_a_promise_that_is_broken_stops_the_stage_once() -> None:
+def test_a_missed_heartbeat_stops_the_stage_once() -> None:
     clock, heartbeat, stopped_s = _watched()
     heartbeat.beat(0.5)
     clock.wait_s(0.4)
@@ -36,7 +36,7 @@ def test_a_promise_that_is_broken_stops_the_stage_once() -> None:
 
 
 @pytest.mark.parametrize("rested", [False, True], ids=["never begun", "rested"])
-def test_nothing_is_watched_where_nothing_is_promised(rested: bool) -> None:
+def test_a_heartbeat_that_rests_never_stops_the_stage(rested: bool) -> None:
     clock, heartbeat, stopped_s = _watched()
     if rested:
         heartbeat.beat(0.5)
@@ -67,7 +67,7 @@ def test_a_computer_that_was_suspended_in_a_touch_lifts_and_counts_the_time(spri
     assert bench.of("hold_end") == []
 
 
-def test_a_computer_that_was_suspended_in_a_motion_ends_it_first(spring: Callable[..., Any]) -> None:
+def test_a_suspension_during_a_motion_ends_the_motion_and_trips(spring: Callable[..., Any]) -> None:
     bench = spring()
     engine = bench.ready()
     engine.go_to_height(1.96, 0.5)
@@ -77,7 +77,7 @@ def test_a_computer_that_was_suspended_in_a_motion_ends_it_first(spring: Callabl
     assert engine.height_mm == 2.0
 
 
-def test_a_computer_that_was_suspended_in_the_air_goes_on(spring: Callable[..., Any]) -> None:
+def test_a_suspension_in_the_air_does_not_trip(spring: Callable[..., Any]) -> None:
     bench = spring()
     engine = bench.ready()
     bench.clock.suspended_s = lambda: 3600.0
@@ -98,11 +98,13 @@ def test_a_computer_that_was_suspended_in_the_air_goes_on(spring: Callable[..., 
         (5.0, 0.10, 0.300),  # 0.75 free, and no more than is queued
     ],
 )
-def test_speed_times_latency_and_the_way_of_braking(speed_mm_s: float, late_s: float, distance_mm: float) -> None:
+def test_the_stopping_distance_is_speed_times_latency_and_the_braking_distance(
+    speed_mm_s: float, late_s: float, distance_mm: float
+) -> None:
     assert Stopping(speed_mm_s, late_s, 50.0, most_mm=0.3).distance_mm == pytest.approx(distance_mm)
 
 
-def test_late_by_the_sensor_the_wait_for_a_reading_and_what_is_prepared() -> None:
+def test_the_latency_of_a_stop_is_that_of_sensor_reading_and_controller() -> None:
     """0.02 s, three sample periods of 0.05 s, and 0.11 s that a controller has prepared."""
     settings = RigSettings.model_validate(
         {
@@ -114,7 +116,7 @@ def test_late_by_the_sensor_the_wait_for_a_reading_and_what_is_prepared() -> Non
     assert Stopping.of(settings, 0.7) == Stopping(0.7, pytest.approx(0.28), 80.0, 0.04)
 
 
-def test_what_the_force_gains_on_the_way() -> None:
+def test_the_overshoot_is_the_force_gained_over_the_stopping_distance() -> None:
     """2 gwt at 2 mm: the trip of 16 gwt is at 2 · 8^(2/3) = 8 mm, and twice as deep it is 2^1.5 times as much."""
     stopping = Stopping(1.0, 100.0, 50.0, most_mm=8.0)
     assert stopping.overshoot_gwt(16.0, 2.0, 2.0) == pytest.approx(16.0 * (math.sqrt(8.0) - 1.0))

@@ -1,13 +1,15 @@
 """Rules of homing monitored by force, over a stub stage and a stub sensor: first steps, growth, its cause."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceError, ForceOverload, StageAlarm, StageError, StageRejected, StageStatus
+from rig.bench.virtual import looked_after_by
+from rig.devices.base import ForceBusy, ForceError, ForceOverload, StageAlarm, StageError, StageRejected, StageStatus
 from rig.engine import TripError, verbs
 from rig.engine.engine import State
 from rig.engine.homing import STEP_MM, STEPS
@@ -222,6 +224,46 @@ def test_a_finger_that_moves_while_the_noise_is_read_does_not_hide_the_wrong_way
     with raises(TripError, "homing_wrong_way"):
         verbs.home(bench.engine)
     assert _homings(bench) == 0
+
+
+def test_a_sensor_that_is_busy_while_the_stage_homes_loses_no_heartbeat() -> None:
+    bench = _bench(heartbeat_s=0.5)
+    engine, busy_s, beats = bench.engine, list[float](), list[int]()
+    engine.contact = replace(engine.contact, may_touch=True)
+    promised = bench.promises()
+
+    def read() -> None:
+        if _jogs_mm(bench):
+            busy_s.append(bench.clock.monotonic_s())
+            if busy_s[-1] < busy_s[0] + 0.9:
+                beats.append(len(promised))
+                raise ForceBusy("no value now")
+
+    bench.force.at_read = read
+    with looked_after_by(bench.clock, engine.heartbeat):
+        verbs.home(engine)
+    assert busy_s[-1] > busy_s[0] + 0.9
+    assert beats == sorted(set(beats)), "one before each reading"
+    assert not engine.heartbeat.lost
+
+
+def test_homing_out_of_an_overload_has_no_heartbeat_before_its_first_status() -> None:
+    """Nothing may hold the indentor on the finger: a controller that is silent while it begins is not stopped."""
+    bench = _bench(heartbeat_s=0.5)
+    engine, homing = bench.engine, bench.stage.homing
+    engine.contact = replace(engine.contact, may_touch=True)
+    bench.force.at_read = raising(ForceOverload("over"))
+
+    def begins_silently() -> Iterator[StageStatus | None]:
+        bench.clock.wait_s(2.0)
+        bench.force.at_read = lambda: None
+        yield from homing()
+
+    bench.stage.homing = begins_silently  # type: ignore[method-assign]
+    with looked_after_by(bench.clock, engine.heartbeat):
+        verbs.home(engine)
+    assert not engine.heartbeat.lost
+    assert engine.state is State.READY
 
 
 # --- growth during homing ---

@@ -17,6 +17,7 @@ from rig.engine import (
     LimitError,
     NotReadyError,
     PressId,
+    RunAborted,
     Target,
     TripError,
     indent,
@@ -81,17 +82,6 @@ def test_a_hold_lasts_as_long_as_requested_and_one_second_by_default(spring: Mak
     # At least as long, and not by more than one reading over the line.
     assert hold_s <= end["hold_s"] <= hold_s + 0.1
     assert end["readings"] == sum(e["phase"] == "hold" for e in bench.of("sample")) >= 1
-
-
-def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) -> None:
-    """Where no place is come back to in one move (tests/rig/test_coming_back.py)."""
-    bench = spring(settings=RigSettings.model_validate({"habits": {"retouch_margin_mm": 20.0}}))
-    engine = bench.ready()
-    for target in (Target("force_gwt", 8.0), Target("doi_mm", 1.4)):
-        indent(engine, target, increments=2, hold_s=0.1)
-    drops = _drops_below_clearance(bench)
-    assert max(drops) == pytest.approx(0.05, abs=1e-4)
-    assert sum(drops) > 4.0
 
 
 @given(
@@ -223,6 +213,31 @@ def _pause_once(bench: PlainBench, phase: str, readings: int = 3) -> list[int]:
 
     bench.wants_pause = wants
     return asked
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
+def test_an_indentation_that_is_ended_in_a_pause_lifts_before_the_pause(phase: str) -> None:
+    bench = _plain()
+    engine = bench.ready()
+    bench.goes_on = False
+    _pause_once(bench, phase)
+    with raises(RunAborted, "stopped_at_a_safe_point"):
+        indent(engine, Target("doi_mm", 0.5), hold_s=600.0)
+    assert [stream for stream, _ in bench.events[-3:]] == ["sample", "retract", "paused"]
+    assert bench.of("sample")[-1]["phase"] == phase
+    assert bench.of("paused") == [{"reason": "operator"}]
+    assert (engine.state, bench.height_mm) == (State.READY, pytest.approx(2.0))
+
+
+def test_a_pause_between_indentations_moves_nothing() -> None:
+    bench = _plain()
+    engine = bench.ready()
+    bench.goes_on, bench.wants_pause, moves = False, lambda: True, bench.stage.moves
+    for verb in (lambda: verbs.move_to(engine, 1.0), lambda: indent(engine, Target("doi_mm", 0.5))):
+        with raises(RunAborted, "stopped_at_a_safe_point"):
+            verb()
+    assert bench.stage.moves == moves
+    assert bench.of("indentation_start") == []
 
 
 @pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceBusy, ForceReading, StageError, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import ForceReading, StageError, StageOverridden, StageReset, StageTimeout
 from rig.engine import verbs
 from rig.engine.engine import State
 from rig.engine.motion import DOWN, UP
@@ -22,7 +22,7 @@ from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
 from rig.transport import TransportError
 from rig.units import GWT_N
-from tests.error_codes import causes, raises
+from tests.error_codes import raises
 from tests.rig.hand_bench import APEX_MM, KINDS, STAGES, Direction, SessionBench, code_of_end
 from tests.stub_bench import StubBench
 
@@ -507,30 +507,6 @@ def test_position_and_force_are_shown_while_it_moves_and_at_a_look(at_hand: Call
     silence(bench)
     bench.session.look()
     assert bench.session.force_gwt is None
-
-
-@pytest.mark.parametrize(("busy_s", "moves"), [(0.9, True), (1.4, False)])
-def test_a_sensor_that_is_busy_at_rest_is_waited_for(
-    at_hand: Callable[..., SessionBench], busy_s: float, moves: bool
-) -> None:
-    """BUSY_S = 1 s: a balance may find no value for a moment; then it is as good as silent."""
-    bench = at_hand(zero=ZERO)
-    sensor, read = bench.bench.force, bench.bench.force.read
-    until_s = bench.clock.monotonic_s() + busy_s
-
-    def busy() -> ForceReading:
-        reading = read()
-        if bench.clock.monotonic_s() < until_s:
-            raise ForceBusy("no value now", "no_value_now")
-        return reading
-
-    sensor.read = busy  # type: ignore[method-assign]
-    if moves:
-        assert code_of_end(bench.step("x", 0.5)) is None
-    else:
-        with raises(LimitError, "no_reading") as refused:
-            bench.step("x", 0.5)
-        assert "no_value_now" in causes(refused.value)
 
 
 # --- the position ---

@@ -32,6 +32,8 @@ Make = Callable[..., "Bench"]
 class Bench:
     """Two drives and a transmitter; F = k d^1.5 below contact_mm, a height above the nominal apex."""
 
+    virtual = False
+
     def __init__(self, folder: Path, *, k_gwt: float = 6.0, contact_mm: float = -0.3, **tables: Any) -> None:
         stage = {"kind": "leadshine", **tables.pop("stage", {})}
         force = {"kind": "laumas", "baud": 115200, **tables.pop("force", {})}

@@ -9,7 +9,6 @@ import pytest
 from rig.devices.base import StageError
 from rig.engine import Pause, TripError, verbs
 from rig.engine.indentation import indent
-from rig.errors import RigError
 from rig.records import Target
 from rig.session.script_run import ENDINGS, stopped_at_once
 from tests.error_codes import raises
@@ -44,15 +43,6 @@ def on_all(first: object, *more: object) -> list[tuple[str, object]]:
 def few(*, bench: str) -> bool:
     """The engine is the same over all stages; what differs in them is in the tests that have cases."""
     return bench in ("stub", "grbl", "tmcl")
-
-
-@pytest.fixture(params=STAGES)
-def by_hand(request: pytest.FixtureRequest) -> FingerOnBytes:
-    """A bench that the last run left at clearance, lifted."""
-    bench = FingerOnBytes(request.param)
-    bench.ready()
-    bench.close()
-    return bench
 
 
 def in_s(bench: FingerBench, seconds: float) -> float:
@@ -105,27 +95,6 @@ def test_a_rest_that_ends_early_never_calls_a_finger_lifted_that_came_up(bench: 
     assert not bench.witness.lies()
 
 
-@pytest.mark.quick(rows=lambda by_hand, rises_mm: by_hand == "grbl" or rises_mm == 4.0)
-@pytest.mark.parametrize("rises_mm", [2.3, 4.0])
-def test_a_step_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
-    by_hand: FingerOnBytes, rises_mm: float
-) -> None:
-    by_hand.finger.moves(in_s(by_hand, 1.0), rises_mm)
-    by_hand.clock.wait_s(10.0)
-    with suppress(RigError):
-        by_hand.jog("x", 5.0)
-    by_hand.ask()
-    not_dragged(by_hand)
-    assert not by_hand.witness.lies()
-
-
-def test_a_step_sideways_ends_when_a_finger_comes_up(by_hand: FingerOnBytes) -> None:
-    by_hand.finger.moves(in_s(by_hand, 1.2), 2.8, 5.0)
-    with suppress(RigError):
-        by_hand.jog("x", 5.0, 5.0)
-    not_dragged(by_hand)
-
-
 # --- a finger is not zeroed away ---
 
 
@@ -142,18 +111,6 @@ def test_a_zero_of_a_run_never_hides_a_finger_that_comes_up(bench: FingerBench, 
     assert engine.sensing.touch_gwt < 0.5, "or a touch is not felt any more"
     not_dragged(bench)
     assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
-
-
-@pytest.mark.quick(rows=lambda by_hand, after_s: by_hand == "grbl" or after_s == 0.8)
-@pytest.mark.parametrize("after_s", [0.6, 0.8])
-def test_rig_zero_never_hides_a_finger_that_comes_up(by_hand: FingerOnBytes, after_s: float) -> None:
-    by_hand.finger.moves(in_s(by_hand, after_s), 4.0)
-    with suppress(RigError):
-        by_hand.zero_by_hand()
-        assert by_hand.witness.now().force_gwt < by_hand.least_gwt, "the zero counts"
-    with suppress(RigError):
-        by_hand.jog("x", 5.0)
-    not_dragged(by_hand)
 
 
 @pytest.mark.quick(rows=few)

@@ -66,7 +66,7 @@ def _odd(bench: PlainBench) -> int:
 
 
 @pytest.mark.parametrize("bump_gwt", [0.0, 2.0])
-def test_a_ramp_and_its_hold_are_journalled_by_what_was_read(bump_gwt: float) -> None:
+def test_a_ramp_journals_its_readings_and_the_peak_of_ramp_and_hold(bump_gwt: float) -> None:
     """The highest force may be one of the way, here at some 0.6 mm."""
     bench = Finger(lambda bench: _law(bench) + bump_gwt * (-0.92 < bench.height_mm < -0.85))
     (hold,) = bench.ramp().holds
@@ -82,7 +82,7 @@ def test_a_ramp_and_its_hold_are_journalled_by_what_was_read(bump_gwt: float) ->
     assert end["ramp_s"] == pytest.approx((DEPTH_MM - readings[0]["doi_mm"]) / SPEED_MM_S, abs=0.15)
 
 
-def test_a_ramp_goes_deeper_by_what_the_rig_gives() -> None:
+def test_a_ramp_on_a_compliant_rig_travels_farther_by_its_deflection() -> None:
     """1 mm/N: 0.042 mm at its depth, by the force of the press before it; and of a hold the sd is that of both."""
     gives = {"value": 1.0, "sd": 0.2, "date": "2026-01-01", "expires": "2036-01-01"}
     bench = Finger(tables={"calibration": {"compliance_mm_per_n": gives}})
@@ -97,7 +97,7 @@ def test_a_ramp_goes_deeper_by_what_the_rig_gives() -> None:
     assert floor_mm == pytest.approx(contact_mm - DEPTH_MM - force_n - INCREMENT_MM, abs=0.003)
 
 
-def test_the_limit_of_depth_follows_the_approach_the_touch_and_the_ramp() -> None:
+def test_the_depth_limit_of_the_stage_follows_approach_touch_and_ramp() -> None:
     """Where nothing is found it is search_mm and max_doi_mm below; then an increment below the deepest there is."""
     bench = Finger(tables=ZABER)
     bench.ramp()
@@ -130,7 +130,7 @@ ENDS: dict[str, tuple[Felt, str | None]] = {
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_what_ends_a_ramp(name: str) -> None:
+def test_a_ramp_ends_at_a_lost_finger_a_frozen_reading_or_its_trip(name: str) -> None:
     felt, code = ENDS[name]
     bench = Finger(felt)
     if code is None:
@@ -179,10 +179,10 @@ def test_a_ramp_may_go_unread_for_so_far_and_no_farther(more_s: float, ends: boo
 
     def slow(stream: str, data: Mapping[str, Any]) -> None:
         if stream == "sample" and data["phase"] == "ramp" and data["doi_mm"] > 0.3:
-            bench.at_event = lambda stream, data: None
+            bench.on_event = lambda stream, data: None
             bench.clock.wait_s(may_mm / SPEED_MM_S - READ_S + more_s)
 
-    bench.at_event = slow
+    bench.on_event = slow
     if ends:
         with raises(TripError, "ramp_unread", limit_mm=may_mm, gone_mm=may_mm + SPEED_MM_S * more_s):
             bench.ramp()
@@ -192,9 +192,7 @@ def test_a_ramp_may_go_unread_for_so_far_and_no_farther(more_s: float, ends: boo
 
 
 @pytest.mark.parametrize(("sample_period_s", "look_s"), [(0.02, 0.02), (0.05, 0.05), (0.2, 0.1)])
-def test_a_ramp_is_looked_at_with_each_sample_and_promised_from_its_start(
-    sample_period_s: float, look_s: float
-) -> None:
+def test_a_ramp_is_polled_with_each_sample_and_has_no_extra_heartbeat(sample_period_s: float, look_s: float) -> None:
     bench = Finger(tables=ZABER)
     engine = bench.ready()
     bench.sample_period_s, bench.also = sample_period_s, {"fx_n": 0.5}
@@ -213,7 +211,7 @@ def test_a_ramp_is_looked_at_with_each_sample_and_promised_from_its_start(
             seen.append(bench.stage.look_s)
 
     engine.heartbeat.beat = beats  # type: ignore[method-assign]
-    bench.at_event = begins
+    bench.on_event = begins
     bench.ramp()
     assert promised[0] == (seen[0], bench.settings.limits.heartbeat_s)
     assert set(seen[1:-1]) == {look_s}
@@ -254,7 +252,7 @@ def test_a_reading_that_cannot_be_journalled_ends_a_ramp_at_rest_before_it_lifts
             bench.stage.told.append("full")
             raise RecordError("the disk is full")
 
-    bench.at_event = full
+    bench.on_event = full
     with pytest.raises(RecordError, match="the disk is full"):
         bench.ramp()
     told = bench.stage.told[bench.stage.told.index("full") + 1 :]

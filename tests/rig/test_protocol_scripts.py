@@ -12,7 +12,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script, script_with
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from tests.error_codes import has_code
+from tests.error_codes import has_code, raises
 from tests.sim.coarse_mesh import coarse_mesh
 
 Fields = dict[str, Any]
@@ -191,12 +191,28 @@ def _not_planned(folder: Path, finger: Fingertip, body: str, config: Config | No
         (READY + "rig.indent(doi_mm=1.6)", "beyond_limit", {"limit": "max_doi_mm", "value": 1.6}),
         (READY + "rig.jump()", "unknown_verb", {"exception": "AttributeError", "verb": "jump"}),
         (READY + "1 / 0", "exception_in_script", {"exception": "ZeroDivisionError"}),
+        (READY + "raise SystemExit('enough')", "exception_in_script", {"problem": "SystemExit: enough"}),
     ],
 )
 def test_a_step_that_cannot_be_carried_out_is_named_with_its_line(
     tmp_path: Path, finger: Fingertip, body: str, code: str, fields: Fields
 ) -> None:
     has_code(_not_planned(tmp_path, finger, body), code, **fields)
+
+
+@pytest.mark.parametrize(
+    ("script", "code"),
+    [
+        ("async def run(rig):\n    pass\n", "asynchronous"),
+        (f"def run(rig):\n    {READY}rig.precondition(presses=1, doi_mm=0.2)\n", "indents_nowhere"),
+    ],
+)
+def test_a_script_that_is_asynchronous_or_makes_no_press_for_data_is_refused(
+    tmp_path: Path, finger: Fingertip, script: str, code: str
+) -> None:
+    path = _write(tmp_path, script)
+    with raises(BadInputError, code, path=str(path)):
+        make_plan(load_script(str(path)), Config(), finger)
 
 
 @pytest.fixture(scope="module")

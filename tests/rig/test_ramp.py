@@ -3,18 +3,14 @@
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import rig.engine.indentation as indentations
-import rig.protocol.check as checks
-from rig.devices import drive_link
-from rig.devices.base import StageError
 from rig.devices.registry import StageKind
-from rig.engine import LimitError, NotReadyError, Target, TripError, indent, verbs
+from rig.engine import LimitError, NotReadyError, Target, TripError, indent, limits, verbs
 from rig.engine.bench import Pause
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
@@ -28,7 +24,6 @@ from rig.session.rehearsal_summary import preflight
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import NewRun, Session, dry_run
 from rig.settings import RigSettings
-from rig.transport import modbus
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from studies.faults.campaign.world import BENCHES
@@ -194,8 +189,7 @@ def test_a_ramp_too_fast_for_the_measured_stiffness_is_refused_before_it_begins(
 def test_a_stage_that_cannot_ramp_is_refused_by_engine_and_plan(
     spring: Make, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (indentations, checks):
-        monkeypatch.setattr(module, "ramps", lambda stage: False)
+    monkeypatch.setattr(limits, "ramps", lambda stage: False)
     bench = spring()
     engine = bench.ready()
     moves = len(bench.moves())
@@ -334,46 +328,6 @@ def test_a_stage_that_moves_too_far_between_readings_ends_a_ramp(faulty: FaultyB
     assert printed(caught.value, "moved by ", " mm") > may_mm
     assert shows(str(caught.value), may_mm)
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
-
-
-def test_a_stop_from_another_thread_ends_a_ramp(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    stopped_mm: list[float] = []
-    for link in (modbus, drive_link):
-        # An exchange never ends here, where all is one thread; on a rig it is waited for, in real time.
-        monkeypatch.setattr(link, "in_turn", lambda lock, most_s: nullcontext())
-
-    def stop() -> None:
-        faulty.stage.stop()
-        stopped_mm.append(faulty.height_mm)
-
-    _in_the_ramp(faulty, stop)
-    with pytest.raises(Exception):  # noqa: B017, PT011  # each driver has an error of its own
-        _ramp(faulty)
-    assert not faulty.stage.homed
-    assert faulty.height_mm == pytest.approx(stopped_mm[0], abs=0.02)
-
-
-def test_the_heartbeat_stops_a_stage_that_reports_nothing_in_a_ramp(spring: Make) -> None:
-    bench = spring(soft_trip_n=0.1)
-    engine = bench.ready()
-    silence_s = bench.settings.limits.heartbeat_s + 0.5
-
-    def hang() -> None:
-        bench.clock.call_at(bench.clock.monotonic_s() + silence_s, engine.heartbeat.look)
-        bench.clock.wait_s(silence_s + 1.0)
-
-    read = itertools.count()
-
-    def watch(stream: str, data: Any) -> None:
-        if stream == "sample" and data["phase"] == "ramp" and next(read) == 1:  # The first one is before it begins.
-            hang()
-
-    bench.on_event = watch
-    with pytest.raises(StageError):
-        ramp(engine, 0.8, 0.1)
-    assert engine.heartbeat.lost
-    assert not engine.bench.stage.homed
-    assert bench.true_pose()[1] < 0.8
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "zaber"))

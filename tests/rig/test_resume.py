@@ -176,12 +176,6 @@ def test_two_processes_cannot_write_to_one_run(cut: Make) -> None:
 # --- the journal ---
 
 
-@pytest.mark.parametrize("rest", [b"\xff\xfe\n{}\n", b"3\n", b"{}\n", b'{"doc": "event"}\n'])
-def test_reading_a_run_names_the_journal_line_that_is_no_document(tmp_path: Path, rest: bytes) -> None:
-    (tmp_path / "events.jsonl").write_bytes(b'{"doc": "start", "t_s": 0}\n' + rest)
-    assert read_run(tmp_path).damage[0].line == 2
-
-
 # --- pause ---
 
 

@@ -153,6 +153,10 @@ def _cut_before_the_last_press(events: Path) -> None:
     events.write_bytes(b"".join(lines[: starts[-1]]))
 
 
+# Every field of a press by itself: tests/rig/test_resume_handler.py.
+@pytest.mark.quick(
+    rows=lambda what: what in ("x", "shape", "verb", "preconditioning", "reference", "touch", "checkpoint")
+)
 @pytest.mark.parametrize("what", OTHER)
 def test_a_script_that_asks_for_another_press_is_not_resumed(
     program: Program, stopped: Callable[[str], Path], what: str
@@ -164,6 +168,7 @@ def test_a_script_that_asks_for_another_press_is_not_resumed(
     assert (folder / "events.jsonl").read_bytes() == before
 
 
+@pytest.mark.quick(rows=lambda what: what not in ("later hold", "later increments", "later speed"))
 @pytest.mark.parametrize("what", LATER)
 def test_a_script_that_plans_another_press_later_is_not_resumed(
     program: Program, stopped: Callable[[str], Path], what: str

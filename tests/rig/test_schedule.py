@@ -11,7 +11,7 @@ import pytest
 
 from rig.bench.checks import checked_subject
 from rig.cli import main
-from rig.data import RunFolder, read_run
+from rig.data import RunFolder
 from rig.data.documents import as_line
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -203,35 +203,6 @@ def test_the_contact_time_of_a_run_is_that_of_its_readings(done: FinishedRun) ->
     assert total_s > 10.0
 
 
-@pytest.mark.quick(rows=lambda stream, nth: stream == "sample")
-@pytest.mark.parametrize(
-    ("stream", "nth"), [("hold_end", 1), ("rest", 2), ("precondition_hold_end", 2), ("sample", -20)]
-)
-def test_a_resumed_run_keeps_the_random_order(
-    done: FinishedRun, finger: Fingertip, tmp_path: Path, stream: str, nth: int
-) -> None:
-    """Cut after an event; what is missing is done in the order of the seed, checkpoints are not passed twice."""
-    cut = tmp_path / "cut"
-    shutil.copytree(done.folder.path, cut)
-    lines = (cut / "events.jsonl").read_bytes().splitlines(keepends=True)
-    of_stream = [
-        n for n, line in enumerate(lines) if (d := json.loads(line))["doc"] == "event" and d["stream"] == stream
-    ]
-    (cut / "events.jsonl").write_bytes(b"".join(lines[: of_stream[nth] + 1]))
-    before_s = read_run(cut).contact_s
-    stopped = read_stopped(cut)
-    plan = make_plan(stopped.script, stopped.config, finger)
-    again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
-    run = read_run(cut)
-    assert (again.complete, run.missing, run.repeated) == (True, 0, 0)
-    assert _order(run) == _order(done.run)
-    assert [event["name"] for event in run.stream("checkpoint")] == ["block 1 of 2", "block 2 of 2"]
-    assert run.start["subject"] == "S07"
-    assert run.contact_s > before_s
-    samples = [e["contact_s"] for name in ("sample", "precondition_sample") for e in run.stream(name)]
-    assert min(e for e in samples if e > before_s) - before_s < 1.0
-
-
 # --- reference indentations ---
 
 REFERENCES = ("seed=3", "order=random", "reference_every=2", "reference_doi_mm=0.3", "hold_s=0.1")
@@ -261,19 +232,6 @@ def test_reference_presses_are_compared_and_kept_apart_from_data(referenced: Fin
     first, second = (e["t_s"] for e in run.stream("reference"))
     assert sum(first < e["t_s"] < second for e in run.stream("indentation_start")) == 2
     assert _order(run) == list(Schedule(PLACES, order="random", seed=3).block(1))
-
-
-@pytest.mark.quick(rows=lambda on_alarm: on_alarm == "warn")  # test_an_alarm_trips_where_that_is_configured
-@pytest.mark.parametrize("on_alarm", ["warn", "trip"])
-def test_a_reference_press_on_a_softened_finger_alarms(finger: Fingertip, tmp_path: Path, on_alarm: str) -> None:
-    """A share of 0.7 relaxes with 30 s: when the second reference comes it has not recovered from what was before."""
-    done = _with_references(
-        tmp_path, finger, virtual={"relaxation": [[0.7, 30.0]]}, limits={"on_alarm": on_alarm, "reference_band": 0.05}
-    )
-    alarms = done.run.stream("alarm")
-    assert len(alarms) == 1
-    assert alarms[0]["reason"].startswith("reference press index 1 deviates by ")
-    assert done.complete is (on_alarm == "warn")
 
 
 def test_a_resumed_run_compares_with_its_first_reference(

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceOverload, ForceTimeout, ForceUnderload
-from rig.engine.sensing import MotionForce, NoReadingError, Sensing, read
+from rig.engine.sensing import ForceZero, MotionForce, NoReadingError, Sensing, read
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -164,6 +164,19 @@ def test_the_touch_threshold_is_the_largest_of_6_sd_one_step_and_the_configured_
     assert sensing.noise_gwt == pytest.approx(min(noise_gwt or 0.0, 0.1))
     assert sensing.resolution_gwt == 0.01
     assert (sensing.least_gwt, sensing.touch_gwt) == pytest.approx((least_gwt, touch_gwt))
+
+
+@pytest.mark.parametrize(
+    ("noise_gwt", "apart_gwt", "agree"),
+    [(0.0, 0.0249, True), (0.0, 0.0251, False), (0.01, 0.0599, True), (0.01, 0.0601, False)],
+)
+def test_readings_at_rest_agree_within_half_a_touch_or_the_noise(
+    noise_gwt: float, apart_gwt: float, agree: bool
+) -> None:
+    """Half a touch is 0.025 gwt, six times the noise 0.06 gwt."""
+    _, sensing = _sensing()
+    sensing.zero = ForceZero(0.0, noise_gwt)
+    assert sensing.agree((0.01, 0.01 - apart_gwt)) is sensing.agree((0.01 - apart_gwt, 0.0, 0.01)) is agree
 
 
 # --- while something moves ---

@@ -154,6 +154,8 @@ def test_a_resumed_run_plans_only_what_is_missing(
 ) -> None:
     """After 6 both places, reference and preconditioning are owed again; after 8 nothing is."""
     stopped = read_stopped(cut(index))
+    assert stopped.run is not None
+    before_s = stopped.run.contact_s
     plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
     assert len(solves) == new
     assert len(plan.indentations) == 8 - index
@@ -162,6 +164,11 @@ def test_a_resumed_run_plans_only_what_is_missing(
     assert len(solves) == new
     run = again.run
     assert (again.complete, run.missing, run.repeated, run.restarted) == (True, 0, 0, 0)
+    assert [event["name"] for event in run.stream("checkpoint")] == ["block 1 of 2", "block 2 of 2"]
+    streams = ("precondition_sample", "reference_sample", "sample")
+    since_s = [sample["contact_s"] - before_s for stream in streams for sample in run.stream(stream)]
+    assert (run.contact_s > before_s) is (new > 0)
+    assert new == 0 or min(contact_s for contact_s in since_s if contact_s > 0.0) < 1.0, "it goes on counting"
     kept = ("index", "x_mm", "value", "block", "repeat", "condition")
     assert [[e.get(key) for key in kept] for e in run.stream("indentation_start")] == [
         [e.get(key) for key in kept] for e in whole.stream("indentation_start")

@@ -13,7 +13,7 @@ import pytest
 
 from rig.bench.virtual import VirtualBench, bench_around
 from rig.devices.base import LOOK_S, ForceReading, next_look_s
-from rig.engine import LimitError, Target, TripError, indent, verbs
+from rig.engine import Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
 from rig.engine.sensing import MotionForce
@@ -21,7 +21,7 @@ from rig.plan.config import Config
 from rig.units import GWT_N
 from sim.carriage import Carriage, Pose, TruePose
 from sim.devices.clock import VirtualClock
-from tests.error_codes import raises, shows
+from tests.error_codes import shows
 
 GRBL: dict[str, Any] = {"force": {"baud": 115200}}
 LEADSHINE: dict[str, Any] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
@@ -258,14 +258,3 @@ def test_the_hard_trip_acts_on_every_reading_of_every_verb() -> None:
         with pytest.raises(TripError, match=r"force 110\.\d\d gwt exceeds the hard trip of 101\.97 gwt"):
             act(engine)
         assert engine.state is State.TRIPPED
-
-
-def test_a_move_down_below_clearance_faster_than_the_limit_is_refused() -> None:
-    bench = Watched(GRBL, max_press_speed_mm_s=1.0)
-    engine = bench.ready()
-    at = bench.pose
-    with raises(LimitError, "too_fast", speed_mm_s=1.001, limit_mm_s=1.0):
-        engine.go_to_height(1.96, 1.001)
-    assert bench.pose == at
-    engine.go_to_height(1.96, 1.0)
-    engine.go_to_height(2.0, 5.0)  # up it may

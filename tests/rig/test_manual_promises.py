@@ -11,7 +11,6 @@ import pytest
 
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
-from rig.manual.orders import HOME_FIRST
 from rig.manual.status import IN_STEPS
 from rig.units import GWT_N
 from tests.rig.hand_bench import APEX_MM, KINDS, HandBench, Person, is_stop
@@ -143,30 +142,6 @@ def after_a_homing_that_a_touch_ended_only_homing_follows(make: Make) -> None:
 
 
 @promise
-def homing_reads_the_force_all_the_way_and_a_trip_ends_it(make: Make) -> None:
-    bench = make(zero=ZERO, above_mm=-3.0, soft_trip_n=0.5)
-    bench.spring.k_gwt = 0.0
-    from_mm = bench.height_mm
-
-    def person() -> Person:
-        bench("home")
-        yield 1.0
-        assert bench("status")["busy"] == "home"
-        bench.spring.offset_gwt = 60.0
-        yield from bench.done()
-        state = bench("status")
-        assert "exceeds the soft trip" in state["ended_by"]
-        assert (state["homed"], state["stopped"]) == (False, False)
-        assert state["next"] == HOME_FIRST
-
-    bench.run(person())
-    at_mm = bench.height_mm
-    bench.clock.wait_s(5.0)
-    assert from_mm < bench.height_mm == at_mm < 20.0
-    assert bench.memory.read().left_at_mm is None
-
-
-@promise
 def homed_the_height_is_known_and_a_touch_of_before_is_forgotten(make: Make) -> None:
     bench = make(above_mm=0.2, known=False)
 
@@ -223,22 +198,6 @@ def without_a_zero_on_record_the_record_of_contact_refuses_one(make: Make) -> No
 
     assert ended(bench, person()) == "None"
     assert bench.memory.read().zero is not None
-
-
-@promise
-def one_thing_at_a_time_and_what_is_busy_is_said(make: Make) -> None:
-    bench = make(zero=ZERO)
-
-    def person() -> Person:
-        for verb in ("zero", "home", "park"):
-            bench(verb)
-            yield 0.1
-            for do in ("step", "home", "zero", "park"):
-                assert bench.refusal(do) == f"busy: {verb}"
-            yield from bench.done()
-
-    assert ended(bench, person()) == "None"
-    assert bench.height_mm > 20.0
 
 
 def _idle(bench: HandBench) -> Person:

@@ -1,6 +1,8 @@
-"""A run that is taken up: what its folder tells, what its journal answers, and what is done again."""
+"""A resumed run: what its folder holds, what its journal answers, what is compared, and what is repeated."""
 
 import errno
+import json
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from rig.data import Run, RunFolder, new_run_folder
@@ -17,6 +20,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import PressPlace
 from rig.protocol.handlers import ResumeHandler
+from rig.protocol.same_steps import SamePlan, SameSteps, as_lines, planned_step
 from rig.protocol.script import load_script
 from rig.protocol.steps import (
     Checkpoint,
@@ -26,6 +30,7 @@ from rig.protocol.steps import (
     MoveTo,
     Note,
     Precondition,
+    Ramp,
     Rest,
     ResumeRule,
     Retract,
@@ -160,6 +165,129 @@ def test_a_resumed_run_repeats_a_verb_that_journals_no_answer() -> None:
         answers = Step.answers
 
     assert Again(Told((0,))).press(Ask(), 0) == "done now"
+
+
+# --- what is compared with the journal, and with the plan ---
+
+AT = PressPlace("bar", 0.0, 0.0, (PressId(0),))
+PRESSED_BEFORE: dict[str, Any] = {
+    "index": 0, "indentor": "bar", "x_mm": 0.0, "verb": "indent", "target": "doi_mm", "value": 0.2, "increments": 2,
+    "speed_mm_s": 1.0, "hold_s": 1.0,
+}  # fmt: skip
+OLD = {key: value for key, value in PRESSED_BEFORE.items() if key not in ("verb", "speed_mm_s", "hold_s")}
+"""A press in a journal of 0.2."""
+RAMP = Ramp(doi_mm=0.2, speed_mm_s=0.3)
+MARKED = PressPlace("bar", 0.0, 0.0, (PressId(0, "data", {"block": 1}),))
+COMPARED: dict[str, tuple[dict[str, list[dict[str, Any]]], Step[Any, Any], PressPlace, bool]] = {
+    # the streams of the journal, the step that the script makes now and where; whether it is another one
+    "the same press": ({"indentation_start": [PRESSED_BEFORE]}, INDENT, AT, False),
+    "a press that is not in the journal": ({"indentation_start": [PRESSED_BEFORE | {"index": 1}]}, INDENT, AT, False),
+    **{
+        f"another {key}": ({"indentation_start": [PRESSED_BEFORE | {key: value}]}, INDENT, AT, True)
+        for key, value in (
+            ("indentor", "step"), ("x_mm", 0.1), ("verb", "ramp"), ("target", "force_gwt"), ("value", 0.3),
+            ("increments", 1), ("speed_mm_s", 0.5), ("hold_s", 2.0), ("block", 1), ("repeat", 1), ("condition", "a"),
+        )
+    },
+    "another mark": ({"indentation_start": [PRESSED_BEFORE]}, INDENT, MARKED, True),
+    "a press of 0.2": ({"indentation_start": [OLD]}, INDENT, AT, False),
+    "a press of 0.2, which recorded no mark": ({"indentation_start": [OLD]}, INDENT, MARKED, False),
+    "a ramp of 0.2": (
+        {"indentation_start": [OLD | {"increments": 1}], "ramp": [{"index": 0, "speed_mm_s": 0.3}]}, RAMP, AT, False),
+    "another speed of a ramp of 0.2": (
+        {"indentation_start": [OLD | {"increments": 1}], "ramp": [{"index": 0, "speed_mm_s": 0.4}]}, RAMP, AT, True),
+    "a press for a ramp of 0.2": (
+        {"indentation_start": [OLD], "ramp": [{"index": 0, "speed_mm_s": 1.0}]}, INDENT, AT, True),
+    "a reference press of that index": ({"reference_indentation_start": [OLD | {"value": 9.0}]}, INDENT, AT, False),
+    "the same checkpoint": ({"checkpoint": [{"name": "a"}]}, Checkpoint(name="a"), AT, False),
+    "another checkpoint": ({"checkpoint": [{"name": "a"}]}, Checkpoint(name="b"), AT, True),
+    "a checkpoint that is not in the journal": ({}, Checkpoint(name="b"), AT, False),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", COMPARED)
+def test_a_step_that_is_not_that_of_the_journal_is_refused_for_good(what: str) -> None:
+    streams, step, place, other = COMPARED[what]
+    same = SameSteps(Told(streams=streams))
+    if not other:
+        same.compare(step, place, 1.0)
+        same.end()
+        assert same.differences == []
+        return
+    for again in (lambda: same.compare(step, place, 1.0), lambda: same.compare(Home(), AT, 1.0), same.end):
+        with raises(BadInputError, "another_press"):
+            again()
+
+
+def test_another_note_or_rest_than_in_the_journal_is_listed() -> None:
+    same = SameSteps(Told(streams={"note": [{"text": "a"}, {"text": "b"}], "rest": [{"rest_s": 1.0}]}))
+    for step in (Note(text="a"), Note(text="c"), Note(text="d"), Rest(seconds=1.0), Rest(seconds=2.0)):
+        same.compare(step, AT, 1.0)
+    same.end()
+    assert same.differences == ["note: 'c', where the run has 'b'", "rest: 2 s, where the run has 1 s"]
+
+
+PLANNED: list[dict[str, Any]] = [
+    {"verb": "home"}, {"verb": "note", "what": "a"}, {"press": "data", "index": 0, "presses": 1, "x_mm": 0.5},
+    {"verb": "rest", "what": 1.0},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("now", "refused", "differences"),
+    [
+        (PLANNED, False, []),
+        (PLANNED[:1] + PLANNED[2:], False, ["note: none, where the run has 'a'"]),
+        ([*PLANNED, {"verb": "note", "what": "b"}], False, ["note: 'b', where the run has 'none'"]),
+        ([*PLANNED[:3], {"verb": "rest", "what": 2.0}], False, ["rest: 2 s, where the run has 1 s"]),
+        (PLANNED[:2], True, []),
+        ([*PLANNED, {"verb": "retract"}], True, []),
+        ([{"verb": "zero"}, *PLANNED[1:]], True, []),
+        ([*PLANNED[:2], PLANNED[2] | {"index": 1}], True, []),
+        ([*PLANNED[:2], PLANNED[2] | {"x_mm": 0.6}], True, []),
+        ([*PLANNED[:2], PLANNED[2] | {"presses": 2}], True, []),
+    ],
+)
+def test_a_step_that_is_not_that_of_the_plan_is_refused_for_good_and_another_note_or_rest_is_listed(
+    now: list[dict[str, Any]], refused: bool, differences: list[str]
+) -> None:
+    same = SamePlan(PLANNED)
+
+    def compared() -> None:
+        for asked in now:
+            same.compare(asked)
+        same.end()
+
+    if not refused:
+        compared()
+        assert same.differences == differences
+        return
+    for _ in range(2):
+        with raises(BadInputError, "another_press"):
+            compared()
+
+
+@pytest.mark.parametrize(
+    ("step", "place", "expected"),
+    [
+        (Home(), PressPlace("", math.nan, 0.0, ()), {"verb": "home"}),
+        (Mount(indentor="bar"), AT, None),
+        (Rest(seconds=np.float64(1.5)), PressPlace("bar", 0.0, 0.0, ()), {"verb": "rest", "what": 1.5}),
+        (INDENT, AT, PRESSED_BEFORE | {"press": "data", "presses": 1}),
+        (
+            Touch(),
+            PressPlace("bar", math.nan, np.int64(1), (PressId(2, "find"), PressId(3, "find"))),  # type: ignore[arg-type]
+            {"press": "find", "index": 2, "presses": 2, "indentor": "bar", "x_mm": None, "along_mm": 1},
+        ),
+    ],
+)
+def test_a_planned_step_is_stored_in_types_of_json(
+    step: Step[Any, Any], place: PressPlace, expected: dict[str, Any] | None
+) -> None:
+    found = planned_step(step, place, 1.0)
+    assert found == expected
+    if found is not None:
+        assert json.loads(as_lines([found])) == found
 
 
 # --- what the folder tells ---
