@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import Literal
 
 from platformdirs import user_state_path
 from pydantic import BaseModel, ConfigDict
@@ -30,6 +31,14 @@ from rig.settings import BenchSettings
 from rig_shared.user_files import read_text
 
 
+class ManualEnd(BaseModel, frozen=True):
+    """What ended the last motion under manual control: a stop, or a trip; unix_s: when."""
+
+    status: Literal["aborted", "tripped"]
+    reason: str
+    unix_s: float
+
+
 class LastKnown(BaseModel):
     """Record on disk, in mm, N, gwt and seconds since 1970; None if unknown."""
 
@@ -41,6 +50,7 @@ class LastKnown(BaseModel):
     zero_of: str = ""  # the sensor and its settings, without which the offset is another force
     left_at_mm: tuple[float, float, float] | None = None
     contact: KnownContact | None = None
+    manual_end: ManualEnd | None = None
 
     @property
     def zero(self) -> ForceZero | None:
@@ -102,6 +112,10 @@ class BenchMemory:
     def left(self, at: StageStatus) -> None:
         """Record the position of a homed stage at rest."""
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
+
+    def record_manual_end(self, end: ManualEnd) -> None:
+        """Record a stop or a trip under manual control, which holds until the stage is homed."""
+        self._write(manual_end=end)
 
     @contextmanager
     def moving(self, stage: Stage) -> Iterator[None]:

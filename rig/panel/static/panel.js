@@ -396,7 +396,7 @@ function what() {
   write("what", words.filter(Boolean).join(" · "), run ? "run" : (owner?.kind.replace(" ", "_") ?? "nothing"));
 }
 
-const HEADINGS = { tripped: "TRIPPED", aborted: "STOPPED", limited: "REFUSED BY A LIMIT", failed: "FAILED", killed: "NO END RECORD", incomplete: "INCOMPLETE" };
+const HEADINGS = { tripped: "TRIPPED", aborted: "STOPPED", limited: "REFUSED BY A LIMIT", failed: "FAILED", killed: "NO END RECORD", incomplete: "INCOMPLETE", "in contact": "THE INDENTOR MAY TOUCH THE FINGER" };
 
 /** The notice of a trip, a stop or another early end, which stays until something else begins. */
 function attend(attention) {

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from rig.control.client import ControlError
-from rig.manual.orders import HOME_FIRST
 from rig.panel.stream import NOTHING, PageQueue
 from rig.panel.watcher import Watcher
 from tests.rig.panel.stub_panel import StubOwner, StubPanel
@@ -216,14 +215,3 @@ def test_a_dry_run_does_not_replace_the_notice_of_the_rig(
     look(watcher)
     state = watcher.state(0.0)
     assert (state["attention"], state["run"]["name"]) == (None, "newer")
-
-
-def test_the_notice_of_a_stop_under_manual_control_stays_after_its_end(make: Make) -> None:
-    status = {"ok": True, "next": HOME_FIRST, "stopped": True, "contact": {"may_touch": True}}
-    watcher = make(StubOwner(kind="by hand", answers={"status": status})).watcher
-    look(watcher)
-    notice = watcher.state(0.0)["attention"]
-    assert notice["status"] == "aborted"
-    watcher.find = list
-    look(watcher)
-    assert watcher.state(0.0)["attention"] == notice
