@@ -145,14 +145,15 @@ class Numbers {
   look() {
     const { force_gwt, doi_mm, x_mm, y_mm, height_mm, phase } = this.newest;
     const { trip_gwt, max_doi_mm } = this.limits ?? {};
+    const place = (mm, decimals) => (!known(mm) && this.devices.stage?.seen && this.devices.stage.homed === false ? "unknown" : inMm(mm, decimals));
     write("force_gwt", fixed(force_gwt, 2));
     mark(at("force_gwt").parentElement, "long", fixed(force_gwt, 2).length > 4);
     write("force_n", known(force_gwt) ? fixed(force_gwt * N_PER_GWT, 4) : "–");
     write("depth_words", known(doi_mm) ? `${inMm(doi_mm, 3)} (${fixed(doi_mm * 1000, 0)} µm)` : "–");
-    write("x_words", inMm(x_mm, 2));
-    write("y_words", inMm(y_mm, 2));
+    write("x_words", place(x_mm, 2));
+    write("y_words", place(y_mm, 2));
     show("y", this.y_moves);
-    write("height_words", inMm(height_mm, 3));
+    write("height_words", place(height_mm, 3));
     write("phase_words", phase || "–");
     write("trip_words", inBoth(trip_gwt));
     write("deepest_words", inMm(max_doi_mm, 2));
