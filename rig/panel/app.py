@@ -57,8 +57,7 @@ def applications(
         Route("/", show, methods=["GET"]),
         Route(EVENTS, _Events(watcher), methods=["GET"]),
         Route("/runs.json", files.catalogue, methods=["GET"]),
-        Route("/runs/{name}/", files.files, methods=["GET"]),
-        Route("/runs/{name}/{file}", files.file, methods=["GET"]),
+        Route("/runs/{name}/report.html", files.report, methods=["GET"]),
         *posts.routes,
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]

@@ -26,7 +26,7 @@ FRESH_S = 0.5
 _ANSWER_S = 1.0
 _AT_ONCE = 4
 _LARGEST_WHOLE = 2**53 - 1
-_STATUS = {"no_such_run": 404, "no_such_file": 404, "body_too_large": 413, "content_type": 415}
+_STATUS = {"no_such_file": 404, "body_too_large": 413, "content_type": 415}
 
 
 class RequestError(RigError):

@@ -376,6 +376,7 @@ function look() {
   show("no_token", !hasToken());
   show("watching", hasToken() && state !== null && state.controls !== null && !mine() && !feed.silent);
   show("no_server", hasToken() && feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
+  if (feed.heard !== null && feed.silent) write("controls_words", "not known: no data from the panel's server", "lost");
   const lost = feed.heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
   const retrying = feed.refused ? "another panel answers: open the address that rig panel printed last" : "retrying";
   write("no_server", `${lost}; ${retrying}. No value here is live and STOP may not work: use the emergency stop.`, feed.heard === null ? "not_answered_yet" : "lost");
@@ -406,7 +407,9 @@ function attend(attention) {
   if (attention === null) return;
   const calm = !attention.may_touch && ["aborted", "limited", "incomplete"].includes(attention.status);
   at("attention").className = calm ? "banner" : "banner bad";
-  write("attention_title", [HEADINGS[attention.status] ?? attention.status, attention.reason_text !== "stopped" && attention.reason_text].filter(Boolean).join(": "), attention.status);
+  const heading = HEADINGS[attention.status] ?? attention.status;
+  const reason = attention.reason_text.startsWith("stopped") ? attention.reason_text.slice("stopped".length) : `: ${attention.reason_text}`;
+  write("attention_title", `${heading}${reason}`, attention.status);
   write("attention_where", attention.where_text ?? "–");
   write("attention_next", attention.next_text ?? "–");
   write("attention_resume", attention.resume ?? "");
