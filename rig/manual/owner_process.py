@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any, Literal
 
-from rig.control.stop import answer_to_a_stop
+from rig.control.owned_stage import answer_to_a_stop
 from rig.devices.base import Stage, StageError, is_held
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import LastKnown, ManualEnd

@@ -28,7 +28,7 @@ from rig.compare.recordings.neo_file import read_neo
 from rig.compare.recordings.nwb_file import read_nwb
 from rig.compare.recordings.reading import Reading, read_srp, sha256
 from rig.compare.recordings.spikes import _read_csv
-from rig.control.stop import stage_alone
+from rig.control.stage_alone import stage_alone
 from rig.data import RunFolder, read_run
 from rig.data.run import Following
 from rig.plan.config import load_config

@@ -14,7 +14,7 @@ import pytest
 import rig.bench.virtual as benches
 import rig.cli.confirm as confirming
 import rig.session.session as sessions
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data import read_run
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Journal, TripError

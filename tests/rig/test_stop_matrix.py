@@ -62,7 +62,8 @@ config, state, holds, account, kind = sys.argv[1:]
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import OwnedStage, answer_to_a_stop, stage_alone
+from rig.control.owned_stage import OwnedStage, answer_to_a_stop
+from rig.control.stage_alone import stage_alone
 from rig.devices.registry import stage_ports
 
 settings, _ = stage_alone(Path(config))

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.control.stop import EndedError, StopSwitch
+from rig.control.owned_stage import EndedError, StopSwitch
 from rig.devices.base import StageError
 from rig.engine import LimitError
 from rig.session.script_run import stopped_at_once
