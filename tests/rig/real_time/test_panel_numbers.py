@@ -118,7 +118,7 @@ def test_every_number_in_a_request_is_refused_in_one_line_unless_it_is_understoo
     assert post(panel, "/take")[0] == 200
 
 
-def test_every_number_in_a_request_is_walked() -> None:
+def test_these_are_all_numbers_in_requests() -> None:
     source = "".join(inspect.getsource(module) for module in (requests, run_files, access, app))
     named = set(re.findall(r'\bwhole_of_text\("([\w-]+)"', source))
     fields = {
@@ -130,9 +130,7 @@ def test_every_number_in_a_request_is_walked() -> None:
     assert named | fields | {"length of a piece"} == set(NUMBERS)
 
 
-def test_a_request_that_ends_before_its_length_is_no_error_of_the_panel(
-    serve: Serve, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_request_that_breaks_off_logs_no_error(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
     panel = serve()
     for more in (b"Content-Length: 100", b"Transfer-Encoding: chunked"):
         raw(panel, _request(panel, "POST /take", b"64\r\n{", more))

@@ -61,7 +61,7 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
 # --- what is shown ---
 
 
-def test_a_page_sees_a_run_as_it_goes_on(serve: Serve, journal: Journal) -> None:
+def test_a_page_gets_every_reading_of_a_run(serve: Serve, journal: Journal) -> None:
     panel = serve()
     with closing(Stream(panel)) as page:
         assert page.answer.getheader("Content-Type") == "text/event-stream; charset=utf-8"
@@ -82,7 +82,7 @@ def test_a_page_sees_a_run_as_it_goes_on(serve: Serve, journal: Journal) -> None
         assert older["unix_s"] > last["unix_s"]
 
 
-def test_the_fifth_page_is_told_that_it_is_one_too_many(serve: Serve) -> None:
+def test_a_fifth_page_is_refused_with_the_reason(serve: Serve) -> None:
     panel = serve()
     pages = [Stream(panel, str(n)) for n in range(4)]
     for page in pages:
@@ -101,7 +101,7 @@ def test_the_fifth_page_is_told_that_it_is_one_too_many(serve: Serve) -> None:
         page.close()
 
 
-def test_it_ends_while_pages_look_on(serve: Serve) -> None:
+def test_the_panel_ends_while_pages_are_open(serve: Serve) -> None:
     panel = serve()
     with closing(Stream(panel)) as page:
         page.until("state", bool)
@@ -125,7 +125,9 @@ def test_it_ends_while_pages_look_on(serve: Serve) -> None:
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_what_is_no_request_of_a_page_is_refused_and_the_next_is_answered(request_: bytes, serve: Serve) -> None:
+def test_bytes_that_are_no_request_are_refused_and_the_next_request_is_answered(
+    request_: bytes, serve: Serve
+) -> None:
     panel = serve()
     try:
         said = raw(panel, request_)
@@ -135,7 +137,7 @@ def test_what_is_no_request_of_a_page_is_refused_and_the_next_is_answered(reques
     assert post(panel, "/take")[0] == 200
 
 
-def test_another_panel_s_token_is_none(serve: Serve) -> None:
+def test_the_token_of_another_panel_is_refused(serve: Serve) -> None:
     one, other = serve(), serve()
     assert one.url != other.url
     assert len(one.url.partition("=")[2]) >= 43
@@ -150,7 +152,7 @@ def owned(answers: dict[str, Any]) -> ControlSocket:
     return ControlSocket(about, answers)
 
 
-def test_a_hung_owner_hangs_nothing_else(serve: Serve) -> None:
+def test_a_hung_owner_delays_neither_stop_nor_the_page(serve: Serve) -> None:
     free, panel = threading.Event(), serve()
 
     def hangs(request: object) -> dict[str, Any]:
@@ -189,7 +191,7 @@ def taking(monkeypatch: pytest.MonkeyPatch, script: str) -> ManualProcess:
     return ManualProcess(Path("rig.toml"), announced)
 
 
-def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_manual_control_is_one_process_that_ends_with_the_panel(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = taking(monkeypatch, OWNER)
 
     async def twice() -> None:
@@ -206,7 +208,7 @@ def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPa
     bench.forget()
 
 
-def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_manual_control_that_does_not_start_names_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     said = "the port is in use"
     for script, code, name, value in ((REFUSES, "refused", "said", said), (LEAVES, "ended", "exit_code", 3)):
         bench = taking(monkeypatch, script)
@@ -227,7 +229,7 @@ def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) 
 # --- the command ---
 
 
-def test_a_port_that_is_taken_is_told_in_one_line(serve: Serve, program: Program) -> None:
+def test_a_page_port_in_use_is_refused_in_one_line(serve: Serve, program: Program) -> None:
     panel = serve()
     ended = program("panel", "--json", "--port", panel.port)
     assert (ended.code, ended.error_code) == (2, "os_error")
@@ -235,9 +237,7 @@ def test_a_port_that_is_taken_is_told_in_one_line(serve: Serve, program: Program
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked(
-    number: signal.Signals, tmp_path: Path
-) -> None:
+def test_the_program_prints_its_address_and_logs_no_token(number: signal.Signals, tmp_path: Path) -> None:
     words = [sys.executable, "-m", "rig", "panel", "--no-browser", "--json", "--out", str(tmp_path)]
     with Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
         assert served.stdout is not None
