@@ -50,6 +50,7 @@ class LastKnown(BaseModel):
     zero_of: str = ""  # the sensor and its settings, without which the offset is another force
     left_at_mm: tuple[float, float, float] | None = None
     contact: KnownContact | None = None
+    lifted_unix_s: float = 0.0  # when the indentor was last at clearance, by force or by a trusted position
     manual_end: ManualEnd | None = None
 
     @property
@@ -114,7 +115,7 @@ class BenchMemory:
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
 
     def record_manual_end(self, end: ManualEnd) -> None:
-        """Record a stop or a trip under manual control, which holds until the stage is homed."""
+        """Record a stop or a trip under manual control, which holds until a later lift."""
         self._write(manual_end=end)
 
     @contextmanager
@@ -141,9 +142,11 @@ class BenchMemory:
         """
         last = self.read()
         before, clear = last.contact, last.is_lifted
+        lifted = {"lifted_unix_s": known.unix_s} if known.kind in ("lifted", "raised") else {}
         if clear and known.kind == "raised":
+            self._write(**lifted)
             return
-        self._write(contact=known)
+        self._write(contact=known, **lifted)
         if clear and known.may_touch and self.read().contact == before:
             with suppress(OSError):
                 self._path.unlink()  # possible even on a full disk

@@ -68,18 +68,24 @@ def _manual(status: str, reason: str, contact: Mapping[str, Any]) -> Notice:
 
 
 def standing_notice(run: EndedRun | None, known: LastKnown) -> Notice | None:
-    """Return the notice while no process owns the rig. run: the last one on the rig. known: the record of the rig."""
+    """Return the notice while no process owns the rig. run: the last one on the rig. known: the record of the rig.
+
+    The later ending counts, of the run or under manual control, unless the indentor was lifted since. Where a later
+    command has left the finger pressed, or the run has moved nothing, the record says where the indentor is.
+    """
     end, contact = known.manual_end, known.contact
     aged = None if contact is None else contact.after(math.inf, trusted=known.left_at_mm is not None)
-    of_run = None if run is None else run.attention(going=False, stopped=False)
+    found, ended_s, moved = None, -math.inf, True
     if end is not None and (run is None or end.unix_s > run.written_s):
         found, ended_s = _manual(end.status, end.reason, {} if aged is None else aged.as_json()), end.unix_s
-    elif run is not None and of_run is not None:
-        found, ended_s = of_run, run.written_s if run.moved else -math.inf
-    else:
-        found, ended_s = notice(IN_CONTACT, _NO_LIFT, "", ""), -math.inf
-    if contact is None or aged is None or contact.unix_s <= ended_s + _AFTER_S:
-        return None if found["status"] == IN_CONTACT else found
-    if contact.kind in ("lifted", "raised"):
-        return found if of_run is not None and not (run is None or run.moved) else None
+    elif run is not None:
+        found, ended_s, moved = run.attention(going=False, stopped=False), run.written_s, run.moved
+    if moved and known.lifted_unix_s > ended_s + _AFTER_S:
+        found = None
+    if contact is None or aged is None or contact.kind in ("lifted", "raised"):
+        return found
+    if found is None:
+        return notice(IN_CONTACT, _NO_LIFT, aged.words, aged.to_do or HOME_FIRST)
+    if moved and contact.unix_s <= ended_s + _AFTER_S:
+        return found
     return found | {"where_text": aged.words, "next_text": aged.to_do or HOME_FIRST, "may_touch": True}

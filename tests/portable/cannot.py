@@ -22,8 +22,7 @@ CANNOT = {
     "rig/real_time/test_calibrate.py": _PTYS,
     "rig/real_time/test_jog_command.py": _PTYS,
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGTSTP]": _SIGNALS,
-    "rig/real_time/test_panel_served.py::"
-    "test_the_program_prints_its_address_and_logs_no_token[1]": "SIGHUP",
+    "rig/real_time/test_panel_served.py::test_the_program_prints_its_address_and_logs_no_token[1]": "SIGHUP",
     "rig/real_time/test_run_on_wires.py::test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise": _NO_LOOK,
     "rig/real_time/test_who_gives_way.py::test_a_served_finger_gives_way_to_nobody": _NICE,
     "rig/real_time/test_who_gives_way.py::test_a_session_s_niceness": _NICE,

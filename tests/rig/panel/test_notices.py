@@ -162,9 +162,11 @@ def test_a_notice_ends_once_the_rig_has_homed_or_lifted(make: Make, memory: Benc
     run_in(make().watcher.out, *RUNS["trip"].ends)
     assert restarted(make)["status"] == "tripped"
     for kind in ("lifted", "raised"):
-        memory.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S))
         memory.touched(KnownContact(kind, 0.0, 0.5, 3.0, ENDED_S + 60.0))  # type: ignore[arg-type]
         assert restarted(make) is None
+    memory.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S + 120.0))
+    found = restarted(make)
+    assert (found["status"], found["may_touch"]) == ("in contact", True), "the trip is over, but not this touch"
 
 
 def test_a_notice_names_where_a_later_command_has_left_the_indentor(make: Make, memory: BenchMemory) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 from rig.panel.stream import (
     MOST_ROWS,
-    MOST_STREAMS,
     SHOWN_S,
     Outlet,
     PageQueue,
@@ -106,16 +105,6 @@ def test_a_new_page_gets_the_readings_of_the_last_minute() -> None:
     readings(outlet, 90.1)
     with outlet.joined() as client:
         assert [row[0] for row in rows_of(client)["rows"]] == [60.0, 90.1]
-
-
-def test_four_pages_look_on() -> None:
-    assert MOST_STREAMS == 4
-    outlet = Outlet()
-    with outlet.joined(), outlet.joined(), outlet.joined():
-        assert outlet.full is False
-        with outlet.joined():
-            assert outlet.full is True
-        assert outlet.full is False
 
 
 # --- sent ---
