@@ -63,7 +63,7 @@ class ContactWords:
         if self.kind == "disagreement":
             return f"the stage reports {self.place}{'; ' if self.aged else ', '}{self.clause}"
         if self.x_mm is None and self.height_mm is None:
-            return f"the position of the indentor is unknown; {self.clause}"
+            return f"at an unknown position; {self.clause}"
         return f"last known at {self.place}; {self.clause}"
 
     @property
