@@ -116,7 +116,7 @@ def test_the_position_is_known_to_the_next_session(homed: tuple[Owner, Path], be
 
 
 def test_a_stop_ends_a_step_and_only_homing_follows(homed: tuple[Owner, Path]) -> None:
-    owner, _ = homed
+    owner, config = homed
     owner.stepping(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2)
     assert owner("stop")["stopped"]
     state = owner.done()
@@ -124,8 +124,12 @@ def test_a_stop_ends_a_step_and_only_homing_follows(homed: tuple[Owner, Path]) -
     assert state["x_mm"] > -6.0
     with raises(RefusedError, "stopped"):
         owner.step()
+    memory = BenchMemory(load_config(config))
+    end = until(lambda: memory.read().manual_end)
+    assert (end.status, end.reason) == ("aborted", state["ended_by"]), "on disk, for a panel that begins later"
     owner("home")
     assert owner.done()["stopped"] is False
+    assert memory.read().lifted_unix_s > end.unix_s
 
 
 def test_two_drives_on_a_bus_are_stopped_in_a_step(
