@@ -19,6 +19,7 @@ Notice = dict[str, Any]
 IN_CONTACT = "in contact"
 """Status of a notice without an ending: the record of contact shows no lift."""
 
+_THEN_HOME = "then home: nothing else moves before, and homing starts with a lift"
 _NO_LIFT = "no lift is on record after the last motion"
 _AFTER_S = 1.0  # A command that follows takes longer to start; a journal and the record of contact take less.
 
@@ -63,7 +64,8 @@ def manual_notice(status: Mapping[str, Any]) -> Notice | None:
 
 def _manual(status: str, reason: str, contact: Mapping[str, Any]) -> Notice:
     where = contact.get("where_text") or "it is unknown whether the indentor touches the finger"
-    to_do = "; then ".join(filter(None, (contact.get("to_do_text"), HOME_FIRST)))
+    free = contact.get("to_do_text")
+    to_do = f"{free}; {_THEN_HOME}" if free else HOME_FIRST
     return notice(status, reason, where, to_do, may_touch=contact.get("may_touch") is not False)
 
 

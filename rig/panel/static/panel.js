@@ -26,7 +26,10 @@ function timeOfDay(unix_s) {
   return [then.getHours(), then.getMinutes(), then.getSeconds()].map(two).join(":");
 }
 
-const since = (when) => `${timeOfDay(when.unix_s)}, ${when.age_s < 100 ? `${Math.floor(when.age_s)} s` : asClock(when.age_s)} ago`;
+function since(when) {
+  if (when.age_s >= 86_400) return `${new Date(when.unix_s * 1000).toLocaleDateString("sv")} ${timeOfDay(when.unix_s)}`; // ISO 8601
+  return `${timeOfDay(when.unix_s)}, ${when.age_s < 100 ? `${Math.floor(when.age_s)} s` : asClock(when.age_s)} ago`;
+}
 
 /** The time of an event by the server's clock, which is this machine's, and by the time passed here since.
  *
