@@ -24,8 +24,8 @@ _NO_LIFT = "no lift is on record after the last motion"
 _AFTER_S = 1.0  # A command that follows takes longer to start; a journal and the record of contact take less.
 
 
-class EndedRun(Protocol):
-    """Run whose process has gone (rig/panel/run_view.py: RunView)."""
+class LastRun(Protocol):
+    """Last run on the rig, whose process has gone (rig/panel/run_view.py: RunView)."""
 
     @property
     def written_s(self) -> float: ...
@@ -69,7 +69,7 @@ def _manual(status: str, reason: str, contact: Mapping[str, Any]) -> Notice:
     return notice(status, reason, where, to_do, may_touch=contact.get("may_touch") is not False)
 
 
-def standing_notice(run: EndedRun | None, known: LastKnown) -> Notice | None:
+def standing_notice(run: LastRun | None, known: LastKnown) -> Notice | None:
     """Return the notice while no process owns the rig. run: the last one on the rig. known: the record of the rig.
 
     The later ending counts, of the run or under manual control, unless the indentor was lifted since. Where a later
