@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from rig.clock import WallClock
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench import NO_PAUSE, Bench, Meanwhile, Pause, monitored

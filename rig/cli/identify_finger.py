@@ -39,7 +39,7 @@ from rig.cli.script_execution import (
 )
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data import RunError, RunFolder
 from rig.data.ending import EndingJson
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text

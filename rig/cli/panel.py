@@ -17,8 +17,8 @@ from rig.cli.request import takes
 from rig.cli.signals import at_once, leaving_on_signal
 from rig.clock import WallClock
 from rig.control.client import Announcement
+from rig.control.owned_stage import OwnedStage
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import OwnedStage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError

@@ -46,7 +46,7 @@ from rig.cli.request import refuse, repeats, takes
 from rig.cli.script_execution import RequestedRun, RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.engine import RunAborted
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, with_finger

@@ -21,8 +21,8 @@ from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
 from rig.control.client import Announcement
+from rig.control.owned_stage import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.control.owner_socket import Answers, ControlSocket
-from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunError, RunFolder, export_run
 from rig.data.deviation import deviations, warning_of
 from rig.data.ending import EndingJson

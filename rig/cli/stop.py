@@ -8,7 +8,8 @@ import typer
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json
 from rig.cli.signals import ENDING_SIGNALS
-from rig.control.stop import NoStageError, OutsideStop, SentStop, stage_alone
+from rig.control.stage_alone import NoStageError, stage_alone
+from rig.control.stop import OutsideStop, SentStop
 from rig.printable import printable
 from rig_shared.outputs import Code, Keywords, Name, Output, Port
 

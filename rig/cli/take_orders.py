@@ -16,7 +16,7 @@ from rig.cli.request import takes
 from rig.cli.run import on_the_bench
 from rig.cli.script_execution import RequestedRun, carry_out, leave, new_run, owning
 from rig.clock import WallClock
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.plan.config import load_config, with_finger
 from rig.plan.plan import Plan
 from rig.session.orders import OrderScope, PressOrders, scope_of

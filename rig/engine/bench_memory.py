@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import Literal
 
 from platformdirs import user_state_path
 from pydantic import BaseModel, ConfigDict
@@ -30,6 +31,14 @@ from rig.settings import BenchSettings
 from rig_shared.user_files import read_text
 
 
+class ManualEnd(BaseModel, frozen=True):
+    """What ended the last motion under manual control: a stop, or a trip; unix_s: when."""
+
+    status: Literal["aborted", "tripped"]
+    reason: str
+    unix_s: float
+
+
 class LastKnown(BaseModel):
     """Record on disk, in mm, N, gwt and seconds since 1970; None if unknown."""
 
@@ -41,6 +50,8 @@ class LastKnown(BaseModel):
     zero_of: str = ""  # the sensor and its settings, without which the offset is another force
     left_at_mm: tuple[float, float, float] | None = None
     contact: KnownContact | None = None
+    lifted_unix_s: float = 0.0  # when the indentor was last at clearance, by force or by a trusted position
+    manual_end: ManualEnd | None = None
 
     @property
     def zero(self) -> ForceZero | None:
@@ -103,6 +114,10 @@ class BenchMemory:
         """Record the position of a homed stage at rest."""
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
 
+    def record_manual_end(self, end: ManualEnd) -> None:
+        """Record a stop or a trip under manual control, which holds until a later lift."""
+        self._write(manual_end=end)
+
     @contextmanager
     def moving(self, stage: Stage) -> Iterator[None]:
         """Forget the position of a stage while a command moves it; record it at the end, also after a refusal."""
@@ -127,9 +142,11 @@ class BenchMemory:
         """
         last = self.read()
         before, clear = last.contact, last.is_lifted
+        lifted = {"lifted_unix_s": known.unix_s} if known.kind in ("lifted", "raised") else {}
         if clear and known.kind == "raised":
+            self._write(**lifted)
             return
-        self._write(contact=known)
+        self._write(contact=known, **lifted)
         if clear and known.may_touch and self.read().contact == before:
             with suppress(OSError):
                 self._path.unlink()  # possible even on a full disk

@@ -62,6 +62,8 @@ class ContactWords:
             return f"raised to {self.place}; {self.clause}"
         if self.kind == "disagreement":
             return f"the stage reports {self.place}{'; ' if self.aged else ', '}{self.clause}"
+        if self.x_mm is None and self.height_mm is None:
+            return f"at an unknown position; {self.clause}"
         return f"last known at {self.place}; {self.clause}"
 
     @property

@@ -3,12 +3,12 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, Literal
 
-from rig.control.stop import answer_to_a_stop
+from rig.control.owned_stage import answer_to_a_stop
 from rig.devices.base import Stage, StageError, is_held
 from rig.engine.bench import Bench
-from rig.engine.bench_memory import LastKnown
+from rig.engine.bench_memory import LastKnown, ManualEnd
 from rig.engine.sensing import NoReadingError
 from rig.errors import BadInputError, LimitError
 from rig.manual.orders import Order, Orders, StepRequest
@@ -92,6 +92,7 @@ class ManualOwner:
         self.answers = manual_answers(self._orders, self._status, bench.stage, gate)
         self._read_s = self._poll_s = bench.clock.monotonic_s()  # when each is due
         self._lost = False  # whether the stage must be connected again
+        self._recorded_end: tuple[bool, str] | None = None
 
     def leave(self) -> None:
         """End run() at rest; may be called from a signal handler."""
@@ -124,7 +125,10 @@ class ManualOwner:
         """Carry out one order, or poll both devices."""
         if self._gate.closed:
             self._lost = True
+            if not self._session.tripped:
+                self._status.ended_by = STOPPED
             self._show()
+            self._record_end()
             if not self._gate.open():
                 self._clock.wait_s(_GATE_S)
                 return
@@ -145,6 +149,7 @@ class ManualOwner:
         self._status.ended_by = STOPPED if self._gate.closed else ended_by
         self._status.contact = self._session.memory.read().contact
         self._show()
+        self._record_end()
         self._orders.end()
         self._note(order, begun_s)
 
@@ -197,6 +202,17 @@ class ManualOwner:
     def _show(self) -> None:
         self._status.record_stage(self._session.at, homed=self._session.homed and not self._lost)
         self._status.zeroed, self._status.tripped = self._session.sensing.absolute, self._session.tripped
+
+    def _record_end(self) -> None:
+        """Record a stop or a trip, once, for the commands and pages that come later."""
+        stopped, reason = self._orders.stopped, self._status.ended_by or STOPPED
+        end = (stopped, reason) if stopped or self._session.tripped else None
+        if end not in (None, self._recorded_end):
+            status: Literal["aborted", "tripped"] = "aborted" if stopped else "tripped"
+            self._session.memory.record_manual_end(
+                ManualEnd(status=status, reason=reason, unix_s=self._clock.unix_s())
+            )
+        self._recorded_end = end
 
     def _note(self, done: Order, begun_s: float) -> None:
         what = f"step {done.axis} {done.sign * done.by_mm:+g} mm" if isinstance(done, StepRequest) else done

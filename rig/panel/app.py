@@ -25,10 +25,11 @@ from rig.control.client import announced
 from rig.control.owner_socket import quick_switches
 from rig.panel.access import EVENTS, Address, Gate
 from rig.panel.owners import Find, ManualProcess
-from rig.panel.requests import Posts, RequestError, Stops
+from rig.panel.requests import Posts, RequestError
 from rig.panel.run_files import RunFiles
 from rig.panel.section import Sections
 from rig.panel.server import HOST, Once, Reserve, Server, bound
+from rig.panel.stops import Stops
 from rig.panel.stream import MOST_STREAMS, stream
 from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import load_config
@@ -46,7 +47,7 @@ def applications(
 
     room_for_stop: frees descriptors for a stop. The page's own port takes a stop, too.
     """
-    files, stops = RunFiles(watcher.out), Stops(watcher, room_for_stop)
+    files, posts = RunFiles(watcher.out), Posts(watcher, bench, Stops(watcher, room_for_stop))
     page = (STATIC / "index.html").read_text("utf-8").replace("{STOP PORT}", str(address.stop_port))
 
     async def show(request: Request) -> Response:
@@ -56,13 +57,11 @@ def applications(
         Route("/", show, methods=["GET"]),
         Route(EVENTS, _Events(watcher), methods=["GET"]),
         Route("/runs.json", files.catalogue, methods=["GET"]),
-        Route("/runs/{name}/", files.files, methods=["GET"]),
-        Route("/runs/{name}/{file}", files.file, methods=["GET"]),
-        stops.route,
-        *Posts(watcher, bench).routes,
+        Route("/runs/{name}/report.html", files.report, methods=["GET"]),
+        *posts.routes,
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]
-    alone: list[BaseRoute] = [stops.route, Route("/stop", _kept_open, methods=["HEAD"])]
+    alone: list[BaseRoute] = [posts.stop, Route("/stop", _kept_open, methods=["HEAD"])]
     return Gate(_app(routes), address), Gate(_app(alone), address, for_stop=True)
 
 

@@ -5,18 +5,13 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import IO, Any, Literal, Protocol
 
-from rig.control.client import ControlError, RefusedError
+from rig.control.client import ControlError
 from rig.errors import RigError
-
-STOP_S = 3.0
-"""Time for an owner to confirm a stop (s), until the drives report rest."""
 
 
 class Owner(Protocol):
@@ -77,61 +72,17 @@ class NoOwnerError(RigError):
     default_code = "nobody"
 
 
-def ask_owner(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
-    """Return an owner's reply. Raises NoOwnerError if its kind is another, RefusedError, ControlError."""
-    if owner is None or owner.kind != kind:
-        if kind == "run":
-            raise NoOwnerError("no protocol is running", "no_run")
+_OF_A_RUN = ("pause", "go_on")
+
+
+def ask_owner(owner: Owner | None, do: str, within_s: float, **more: Any) -> dict[str, Any]:
+    """Return an owner's reply. Raises NoOwnerError if it is not one for the request, RefusedError, ControlError."""
+    if do in _OF_A_RUN and (owner is None or owner.kind != "run"):
+        raise NoOwnerError("no protocol is running", "no_run")
+    if do not in _OF_A_RUN and (owner is None or owner.kind != "by hand"):
         raise NoOwnerError("manual control is off; take control first", "bench_not_taken")
+    assert owner is not None
     return owner.ask(do, within_s=within_s, **more)
-
-
-SentStops = Mapping[int, Callable[[float], dict[str, Any]]]
-"""Owners that received a stop, by process, with the functions that wait for their replies."""
-
-
-def post_stop(owners: Sequence[Owner]) -> SentStops:
-    """Send a stop to every real owner and to the shown one, without waiting; skip unreachable owners."""
-    sent = {}
-    for one in _to_be_stopped(owners):
-        with suppress(ControlError):
-            sent[one.pid] = one.post_stop(by="panel")
-    return sent
-
-
-def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor) -> dict[str, Any]:
-    """Stop the remaining owners in parallel, and return the result for all.
-
-    Raises NoOwnerError without an owner, ControlError if one does not respond, RefusedError if all refuse.
-    """
-    targets = _to_be_stopped(owners)
-    if not targets:
-        raise NoOwnerError("no process owns the ports, so there is nothing to stop", "nothing_to_stop")
-    stopping = partial(_stopped, sent)
-    other_answers = pool.map(stopping, targets[1:])
-    answers = [stopping(targets[0]), *other_answers]
-    for problem in answers:
-        if isinstance(problem, ControlError) and not isinstance(problem, RefusedError):
-            raise problem
-    stopped = [one.pid for one, answer in zip(targets, answers, strict=True) if not isinstance(answer, ControlError)]
-    if not stopped:
-        raise RefusedError("; ".join(map(str, answers)), "all_refuse")
-    return {"stopped": stopped, "words": f"process {', '.join(map(str, stopped))} has stopped the stage"}
-
-
-def _to_be_stopped(owners: Sequence[Owner]) -> list[Owner]:
-    return [one for one in owners if not one.virtual or one is shown(owners)]
-
-
-def _stopped(sent: SentStops, owner: Owner) -> dict[str, Any] | ControlError:
-    wait_for_reply = sent.get(owner.pid)
-    try:
-        answer = owner.ask("stop", within_s=STOP_S) if wait_for_reply is None else wait_for_reply(STOP_S)
-    except ControlError as error:
-        return error
-    if "unconfirmed" in answer:
-        return ControlError(f"stop sent to process {owner.pid}: {answer['unconfirmed']}", "stop_not_confirmed")
-    return answer
 
 
 READY_S = 15.0

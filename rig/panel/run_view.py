@@ -1,7 +1,7 @@
 """State of a run for a page, read from its growing journal; nothing is written."""
 
 import stat
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,9 @@ from rig.data.run import Following, RunError
 from rig.data.run_state import BEGUN, RunFollower, RunState
 from rig.data.run_status import RunStatus
 from rig.data.tables import FOREIGN, foreign
-from rig.engine.contact_words import FREE_THE_FINGER
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
+from rig.panel.notice import Notice, notice, stopped_now
 from rig.panel.section import Job, PressSummary
 from rig.panel.stream import SHOWN_S, ReadingSource, Row
 from rig.plan.config import Config, load_config
@@ -36,13 +36,30 @@ _NEWEST = 50  # Number of folders, whose names begin with the time.
 
 def growing(out: Path, unix_s: float) -> Path | None:
     """Return the run folder below `out` that is being written to, or None."""
+    then_s, path = max(_written(out), key=lambda one: one[0], default=(0.0, None))
+    return path if unix_s - then_s < GROWS_S else None
+
+
+def last_real_run(out: Path, on_rig: Callable[[Config], bool]) -> "RunView | None":
+    """Return the real run below `out` that was written to last, on a rig that its configuration names; or None."""
+    for _, path in sorted(_written(out), reverse=True):
+        try:
+            (start,) = Following(RunFolder(path)).next(AT_ONCE)[:1] or ({},)
+            if start.get("doc") == "start" and not start.get("virtual") and on_rig(load_config(path / "config.toml")):
+                return RunView(path)
+        except (RunError, BadInputError, *FOREIGN):
+            continue  # It is no run of this program.
+    return None
+
+
+def _written(out: Path) -> list[tuple[float, Path]]:
+    """Return when the journals of the newest folders were last written to."""
     try:
         names = sorted((path.name for path in out.iterdir() if not path.name.startswith(".")), reverse=True)
     except OSError:
-        return None
+        return []
     found = [(written_s(out / name), out / name) for name in names[:_NEWEST]]
-    then_s, path = max(found, key=lambda one: one[0], default=(0.0, None))
-    return path if unix_s - then_s < GROWS_S else None
+    return [(then_s, path) for then_s, path in found if then_s > 0]
 
 
 def written_s(run: Path) -> float:
@@ -59,20 +76,6 @@ def limits_state(config: Config, soft_trip_n: float | None) -> dict[str, float]:
     return {"trip_gwt": Trips(config.limits, soft_trip_n).soft_gwt, "max_doi_mm": config.limits.max_doi_mm}
 
 
-def attention(
-    status: str, reason: str, where: str, to_do: str, resume: str | None = None, *, may_touch: bool = True
-) -> dict[str, Any]:
-    """Return `attention` of the state: what a person must know now, and do."""
-    return {
-        "status": status,
-        "reason_text": reason,
-        "where_text": where,
-        "next_text": to_do,
-        "resume": resume,
-        "may_touch": may_touch,
-    }
-
-
 COLUMNS = (
     *("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm"),
     *("phase", "index", "purpose"),
@@ -84,12 +87,6 @@ AT_ONCE = 1 << 20
 MOVED_MM = 0.01
 """Change of height (mm) after which the depth of the last reading no longer holds."""
 WAIT = "wait for the run's last word on the indentor; in danger use the emergency stop"
-
-
-def stopped_now() -> dict[str, Any]:
-    """Return `attention` between a stop and the ending of the run, which says where the indentor is."""
-    where = "the stage was stopped where it was; the indentor may still press the finger"
-    return attention("aborted", "stopped", where, FREE_THE_FINGER)
 
 
 class RunView(RunFollower):
@@ -199,22 +196,37 @@ class RunView(RunFollower):
         return self.stop is not None
 
     @property
+    def config(self) -> Config | None:
+        """The run's own copy of its configuration."""
+        return self._config
+
+    @property
+    def written_s(self) -> float:
+        """When the journal was last written to (s since 1970)."""
+        return written_s(self.folder.path)
+
+    @property
+    def moved(self) -> bool:
+        """Whether the run moved anything, by its ending."""
+        return self.stop is None or self.stop.get("indentor", {}).get("left") != "not moved"
+
+    @property
     def state(self) -> RunState:
         """The run's state is this view."""
         return self
 
-    def attention(self, *, going: bool, stopped: bool) -> dict[str, Any] | None:
+    def attention(self, *, going: bool, stopped: bool) -> Notice | None:
         """Return `attention` of the state, in the words of the terminal. stopped: a stop reached its process."""
         status = self._status(going=going)
         if self.stop is None and going:
             if self._trip:
-                return attention("tripped", self._trip, "the run acts on the trip; look at the finger", WAIT)
+                return notice("tripped", self._trip, "the run acts on the trip; look at the finger", WAIT)
             return stopped_now() if stopped else None
         if status == RunStatus.DONE or not self.start:
             return None
         found = Ending.killed(self) if self.stop is None else Ending.recorded(self, status)
         may_touch = found.at.left != "not moved" and found.at.may_touch is not False
-        return attention(status, found.reason, found.at.words, found.next, found.resume, may_touch=may_touch)
+        return notice(status, found.reason, found.at.words, found.next, found.resume, may_touch=may_touch)
 
     def as_json(self, *, going: bool) -> dict[str, Any]:
         """Return `run` of the state. going: a process writes the journal."""

@@ -5,6 +5,7 @@ uvicorn limits neither the number of open connections nor the time until the fir
 """
 
 import asyncio
+import asyncio.constants
 import errno
 import json
 import logging
@@ -32,6 +33,7 @@ _BACKLOG = 4096  # the system's queue; a full one would delay a new connection b
 _AT_ONCE = 16  # connections that are accepted in one turn of the loop
 _FEW, _MOST_GUEST_BYTES = 8, 1 << 18  # connections without descriptors to spare; a guest only reads
 _SPARE = 16
+_AGAIN_S = 0.1
 
 HasToken = Callable[[Sequence[tuple[bytes, bytes]]], bool]
 
@@ -170,6 +172,8 @@ class Server(uvicorn.Server):
     async def run_here(self) -> None:
         """Serve in the running loop until `should_exit`."""
         asyncio.get_running_loop().set_exception_handler(self._note)
+        # The loop listens again after this time if there was no descriptor for a connection; else after a second.
+        vars(asyncio.constants)["ACCEPT_RETRY_DELAY"] = _AGAIN_S
         await self.serve(sockets=[self._listener])
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

@@ -102,10 +102,6 @@ class Outlet:
         for client in self.clients:
             client.put(kind, event)
 
-    def forget(self, kind: str) -> None:
-        """Stop sending this kind to new pages."""
-        self._latest.pop(kind, None)
-
     def begin(self, source: ReadingSource) -> None:
         """Start with readings of another source."""
         self.source = source

@@ -12,9 +12,10 @@ from typing import Any
 from rig.clock import Clock
 from rig.control.client import ControlError
 from rig.devices.registry import stage_ports
-from rig.manual.orders import HOME_FIRST
+from rig.engine.bench_memory import BenchMemory, LastKnown
+from rig.panel.notice import Notice, manual_notice, standing_notice, stopped_now
 from rig.panel.owners import Find, Owner, Tabs, owner_state, run_of, shown
-from rig.panel.run_view import RunView, age_s, attention, growing, limits_state, stopped_now
+from rig.panel.run_view import RunView, age_s, growing, last_real_run, limits_state
 from rig.panel.section import Job
 from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
@@ -22,6 +23,11 @@ from rig.settings import BenchSettings
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
 HAND = ReadingSource(None, COLUMNS, hand=True)
+
+
+def ports_of(settings: BenchSettings) -> tuple[str, ...]:
+    """Return the ports of the stage and of the force sensor."""
+    return (*stage_ports(settings.stage), settings.force.port)
 
 
 class BenchView:
@@ -54,7 +60,7 @@ class BenchView:
     @property
     def ports(self) -> tuple[str, ...]:
         """Ports of the devices."""
-        return () if self._config is None else (*stage_ports(self._config.stage), self._config.force.port)
+        return () if self._config is None else ports_of(self._config)
 
     @property
     def job(self) -> Job | None:
@@ -95,17 +101,9 @@ class BenchView:
         }
 
     @property
-    def attention(self) -> dict[str, Any] | None:
+    def attention(self) -> Notice | None:
         """Return `attention` of the state after a stop or a trip, until the stage is homed."""
-        status = self._status
-        if status.get("next") != HOME_FIRST:
-            return None
-        contact, stopped = status.get("contact") or {}, bool(status.get("stopped"))
-        where = contact.get("where_text") or "it is unknown whether the indentor touches the finger"
-        to_do = "; then ".join(filter(None, (contact.get("to_do_text"), HOME_FIRST)))
-        reason = status.get("ended_by") or "stopped"
-        may_touch = contact.get("may_touch") is not False
-        return attention("aborted" if stopped else "tripped", reason, where, to_do, may_touch=may_touch)
+        return manual_notice(self._status)
 
     def devices_state(self, unix_s: float) -> dict[str, Any]:
         """Return `devices` of the state."""
@@ -160,7 +158,9 @@ class Watcher:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
         self._status: dict[str, Any] | None = None
         self._run_state: dict[str, Any] | None = None
-        self._attention: dict[str, Any] | None = None  # of the run
+        self._attention: Notice | None = None  # of the run, or of what is on disk
+        self._attended: tuple[object, float] = (None, -FIND_S)  # what it was found for, and when
+        self._looked_back = False  # whether the last run was searched since the rig had an owner
         self._schedule: list[dict[str, Any]] = []
         self._found: tuple[Path | None, float] = (None, -FIND_S)
 
@@ -182,8 +182,8 @@ class Watcher:
 
     @property
     def _noticed(self) -> bool:
-        """Whether the notice of a real run stands, which only this rig's next owner replaces."""
-        return self._attention is not None and self.run is not None and not self.run.virtual
+        """Whether a notice of the rig stands, which only its next owner replaces, and no dry run."""
+        return self._attention is not None and (self.run is None or not self.run.virtual)
 
     @property
     def job(self) -> Job | None:
@@ -224,24 +224,59 @@ class Watcher:
             self._publish_schedule([])
 
     async def read(self) -> None:
-        """Read new entries of the journal of the running protocol."""
+        """Read new entries of the journal of the running protocol, and find the notice."""
         loop, owner = asyncio.get_running_loop(), self.owner
+        if owner is not None and not owner.virtual:
+            self._looked_back = False
+        elif self.run is None and not self._looked_back:
+            self._looked_back = True
+            run, attention = await loop.run_in_executor(self._reading, self._last_on_the_rig)
+            self._follow(run)
+            self._attention, owner = attention, self.owner if attention is None else None
         folder = await self._folder(owner)
         if folder is None:
             if owner is not None:
                 self._follow(None)
         elif (self.run is None or self.run.folder.path != folder) and (owner is not None or not self._noticed):
             self._follow(RunView(folder))
-        if (run := self.run) is None:
-            return
-        look = partial(run.look, self.clock.unix_s(), announced=owner is not None)
-        rows = await loop.run_in_executor(self._reading, look)
-        if run is self.run:
+        if (run := self.run) is not None:
+            look = partial(run.look, self.clock.unix_s(), announced=owner is not None)
+            rows = await loop.run_in_executor(self._reading, look)
+            if run is not self.run:
+                return
             self.outlet.add(rows)
             going = not run.ended and (run.alive or owner is not None)
             self._run_state = run.as_json(going=going)
-            self._attention = run.attention(going=going, stopped=bool((self._status or {}).get("stopped")))
             self._publish_schedule(run.schedule_state())
+            if going or owner is not None or run.virtual:
+                self._attention = run.attention(going=going, stopped=bool((self._status or {}).get("stopped")))
+                return
+        if owner is None:
+            await self._find_standing_notice(run)
+
+    async def _find_standing_notice(self, run: RunView | None) -> None:
+        """Find the notice on disk, at once after a run or an owner, and then from time to time."""
+        what, now_s = (run, run is not None and run.ended), self.clock.monotonic_s()
+        if self._attended[0] != what or now_s - self._attended[1] >= FIND_S:
+            loop = asyncio.get_running_loop()
+            found = await loop.run_in_executor(self._reading, self._standing_notice, run)
+            if run is self.run:
+                self._attention, self._attended = found, (what, now_s)
+
+    def _standing_notice(self, run: RunView | None) -> Notice | None:
+        settings = self.bench.settings or (None if run is None else run.config)
+        return standing_notice(run, LastKnown() if settings is None else BenchMemory(settings).read())
+
+    def _last_on_the_rig(self) -> tuple[RunView | None, Notice | None]:
+        """Return the last run on the rig if its notice stands, and the notice."""
+        own = set(map(_device, self.bench.ports))
+        run = last_real_run(self.out, lambda config: not own or bool(own & set(map(_device, ports_of(config)))))
+        without = self._standing_notice(None)
+        if run is None:
+            return None, without
+        run.look(self.clock.unix_s())
+        found = run.attention(going=True, stopped=False) if run.alive else self._standing_notice(run)
+        return (RunView(run.folder.path), found) if run.alive or found != without else (None, without)
 
     async def _folder(self, owner: Owner | None) -> Path | None:
         """Return the folder of the followed run."""
@@ -298,7 +333,7 @@ class Watcher:
         }
 
     def _attention_now(self, hand: Mapping[str, Any] | None) -> dict[str, Any] | None:
-        if hand is not None or (self.run is None and self.owner is None):
+        if hand is not None or (self.owner is not None and self.owner.kind == "by hand"):
             return self.bench.attention
         before_its_run = self.run is None and self._status is not None and self._status.get("stopped")
         return stopped_now() if before_its_run else self._attention

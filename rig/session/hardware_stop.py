@@ -5,7 +5,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.devices.base import HasSetPoint, Stage, StageAlarm, StageError, StageHeld, is_held
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Engine, RunAborted, TripError, WatchedBench

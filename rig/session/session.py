@@ -14,7 +14,7 @@ from rig.bench.checks import refuse_expired
 from rig.bench.real import Request, open_bench, refuse_silent_sensor
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.documents import last_document
 from rig.data.events import STREAMS, is_last_hold, streams_with

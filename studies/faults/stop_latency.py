@@ -31,7 +31,8 @@ import rig.transport.ports as ports
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import OwnedStage, answer_to_a_stop, stage_alone
+from rig.control.owned_stage import OwnedStage, answer_to_a_stop
+from rig.control.stage_alone import stage_alone
 config, does = sys.argv[1:]
 settings, _ = stage_alone(Path(config))
 stage = OwnedStage(settings, WallClock()).open()
@@ -62,7 +63,8 @@ with ControlSocket(about, {"stop": stop}):
 folder = Path(tempfile.mkdtemp())
 os.environ["RIG_RUNTIME_DIR"] = str(folder / "r")
 from rig.control.client import announced
-from rig.control.stop import send_stop, stage_alone
+from rig.control.stage_alone import stage_alone
+from rig.control.stop import send_stop
 far, near = pty.openpty()
 tty.setraw(near)
 config = folder / "rig.toml"

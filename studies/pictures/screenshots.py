@@ -20,7 +20,10 @@ TUTORIAL = ROOT / "examples" / "tutorial"
 WIDTH, PATIENCE_S = 1060, 120
 HEIGHTS = {"run_report": 1800, "comparison": 1500}
 COLOURS = 64
-PRESS = "document.getElementById('phase_words').textContent === 'hold'"
+PRESS = (
+    "document.getElementById('phase_words').textContent === 'hold'"
+    " && document.getElementById('depth_words').textContent !== '–'"
+)
 LATER = "Number.parseInt(document.getElementById('done_words').textContent) >= 3"
 DRAWN = (
     "!document.getElementById('place').hidden"

@@ -50,7 +50,7 @@ class Attack:
     known: bool = False
 
 
-BIG = "big.jsonl"
+BIG = "report.html"
 """File of the run `a` below the panel's folder, which slow readers ask for."""
 ATTACKS = {
     "half_requests": Attack("GET / HTTP/1.1\r\n" + _HERE),

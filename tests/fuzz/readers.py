@@ -28,7 +28,7 @@ from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.control.client import Announced, announced, lock_of
-from rig.control.stop import NoStageError, stage_alone
+from rig.control.stage_alone import NoStageError, stage_alone
 from rig.data.bug_report import bug_report, bundle_name
 from rig.data.index import INDEX, listed
 from rig.data.run_state import Course

@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import parse_qs
 
 from rig.clock import WallClock
+from tests.panel.scenes import COLUMNS
 
 STATIC = Path(__file__).parents[2] / "rig" / "panel" / "static"
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -20,7 +21,6 @@ POLICY = (
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 TOKEN = "a-token"
-COLUMNS = ("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "index", "purpose")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from tests.waiting import until
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (make panel-test)")
 
 
-def test_the_byte_leaves_while_the_page_hangs_and_the_run_is_recorded_as_aborted(
+def test_stop_is_sent_while_the_page_hangs_and_the_run_is_recorded_as_aborted(
     opened: Callable[..., Any], tmp_path: Path
 ) -> None:
     """One stop in a plan, an approach and a report; `studies.faults.stops --click` makes fifty, and times them."""

@@ -12,19 +12,17 @@ _NICE = "niceness and sessions of POSIX"
 _HEAP = "settings of the C library's memory"
 _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the locks of Windows"
 CANNOT = {
-    "rig/panel/test_posts.py::test_a_stop_that_did_not_arrive_is_told": _SIGNALS,
     "rig/real_time/test_asked_from_elsewhere.py::test_a_run_whose_finger_is_lost_is_lifted_and_says_so": _NICE,
     "rig/real_time/test_bench_verbs.py::test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives": _UNNAMED,
     "rig/real_time/test_bench_verbs.py::test_status_of_ports_that_are_not_there_and_of_one_that_is_owned": _UNNAMED,
     "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[a person mounts]": _PIPES,
     "rig/real_time/test_by_hand_commands.py::test_without_a_sensor_nothing_moves": _PTYS,
     "rig/real_time/test_by_hand_process.py::test_two_drives_on_a_bus_are_stopped_in_a_step": _PTYS,
-    "rig/real_time/test_by_hand_process.py::test_why_it_does_not_begin_is_one_line": _UNNAMED,
+    "rig/real_time/test_by_hand_process.py::test_manual_control_that_does_not_begin_gives_one_line": _UNNAMED,
     "rig/real_time/test_calibrate.py": _PTYS,
     "rig/real_time/test_jog_command.py": _PTYS,
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGTSTP]": _SIGNALS,
-    "rig/real_time/test_panel_served.py::"
-    "test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked[1]": "SIGHUP",
+    "rig/real_time/test_panel_served.py::test_the_program_prints_its_address_and_logs_no_token[1]": "SIGHUP",
     "rig/real_time/test_run_on_wires.py::test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise": _NO_LOOK,
     "rig/real_time/test_who_gives_way.py::test_a_served_finger_gives_way_to_nobody": _NICE,
     "rig/real_time/test_who_gives_way.py::test_a_session_s_niceness": _NICE,
@@ -48,7 +46,7 @@ CANNOT = {
     "rig/test_ownership.py": _LOCKS,
     "rig/test_page.py::test_a_run_that_is_refused_before_it_begins_reports_that_it_did_not_move[no port": _NO_LOOK,
     "rig/test_patience.py": _ALARMS,
-    "rig/test_stopping_needs_nothing.py::test_an_owner_is_told_under_whatever_name_it_has_the_port": _SIGNALS,
+    "rig/test_stopping_needs_nothing.py::test_a_stop_finds_the_owner_under_every_name_of_the_port": _SIGNALS,
     "rig/test_stop_matrix.py": _PTYS,
     "rig/test_stopping_needs_nothing.py::test_only_an_owner_of_this_account_is_signalled": _SIGNALS,
     "rig/test_transport.py::test_opening_a_missing_port_is_refused_by_name[refuse_missing]": _NO_LOOK,

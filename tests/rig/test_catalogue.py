@@ -21,7 +21,7 @@ from rig.bench.virtual import (
     with_kinds,
     with_stand_ins,
 )
-from rig.control.stop import NoStageError, stage_alone
+from rig.control.stage_alone import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
 from rig.devices.make_drivers import force_driver, stage_driver

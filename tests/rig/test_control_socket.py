@@ -78,7 +78,7 @@ def _raw(one: Announced) -> socket.socket:
 # --- requests ---
 
 
-def test_a_request_is_answered_with_what_it_said() -> None:
+def test_a_request_reaches_its_handler_and_returns_the_reply() -> None:
     heard: list[Mapping[str, Any]] = []
 
     def answer(request: Mapping[str, Any]) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def _fail_with_a_code(_: object) -> dict[str, Any]:
     ],
 )
 @pytest.mark.parametrize("request_", ["do", "stop"])
-def test_a_problem_is_one_line(answer: Any, code: str, told: str, request_: str) -> None:
+def test_a_refusal_is_one_line_with_a_code(answer: Any, code: str, told: str, request_: str) -> None:
     with _owner(**{request_: answer}), raises(RefusedError, code) as refused:
         _only().ask(request_)
     assert str(refused.value).startswith(told)
@@ -305,7 +305,7 @@ def test_only_this_user_reads_the_note_and_enters_the_folder(folder: Path) -> No
         os.umask(before)
 
 
-def test_nothing_is_left_of_one_that_has_ended(folder: Path) -> None:
+def test_a_process_that_ends_leaves_no_file(folder: Path) -> None:
     with _owner(status=lambda _: {}):
         one = _only()
     assert list(folder.iterdir()) == []
@@ -386,7 +386,7 @@ def test_an_owner_whose_lock_cannot_be_read_on_a_full_disk_is_listed(monkeypatch
         assert _only().ask("status", within_s=DEADLINE_S) == {"ok": True}
 
 
-def test_a_socket_whose_file_is_gone_ends_all_the_same(folder: Path) -> None:
+def test_a_process_ends_although_its_socket_file_is_gone(folder: Path) -> None:
     with _owner(status=lambda _: {}):
         Path(_only().address).unlink()
         with raises(ControlError, "ended", pid=os.getpid()):

@@ -14,7 +14,7 @@ import pytest
 import rig.session.session as sessions
 from rig.bench.served import ServedBench
 from rig.bench.virtual import virtual_bench
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.devices.base import StageError
 from rig.devices.grbl import GrblStage
 from rig.engine import EngineError, Journal

@@ -29,7 +29,7 @@ from rig.compare.recordings.nwb_file import read_nwb
 from rig.compare.recordings.presses_table import read_srp
 from rig.compare.recordings.reading import Reading, sha256
 from rig.compare.recordings.spikes_table import read_spikes_table
-from rig.control.stop import stage_alone
+from rig.control.stage_alone import stage_alone
 from rig.data import RunFolder, read_run
 from rig.data.run import Following
 from rig.plan.config import load_config

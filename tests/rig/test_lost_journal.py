@@ -13,7 +13,7 @@ import pytest
 
 import rig.session.session as sessions
 from rig.bench.virtual import virtual_bench
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data import read_run
 from rig.engine import Journal
 from sim.devices.clock import VirtualClock

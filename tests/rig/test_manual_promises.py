@@ -190,7 +190,7 @@ def without_a_zero_on_record_the_record_of_contact_refuses_one(make: Make) -> No
 
     def person() -> Person:
         yield from bench.do("zero")
-        assert "there is no zero on record, and the indentor is last known at" in bench("status")["ended_by"]
+        assert "there is no zero on record, and the indentor is at an unknown position" in bench("status")["ended_by"]
         assert bench.memory.read().zero is None
         yield from bench.do("home")
         yield from bench.do("zero")

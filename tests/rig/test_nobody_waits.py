@@ -18,7 +18,7 @@ from rich.console import Console
 from rig.cli import main, output
 from rig.cli.output import Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from sim.models.fingertip import Fingertip
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"

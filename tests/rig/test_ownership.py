@@ -187,7 +187,7 @@ def test_a_second_controller_is_refused_under_every_name_and_in_every_environmen
     assert told[names[0]] == ["in_use", os.getpid()]
 
 
-def test_every_name_is_let_go_of(gateway: int, place: Path) -> None:
+def test_a_closed_port_is_free_under_every_name(gateway: int, place: Path) -> None:
     wire = open_port(f"tcp://localhost:{gateway}", 9600)
     assert port_owner(f"tcp://127.1:{gateway}") == PortOwner(os.getpid())
     wire.close()
@@ -196,13 +196,13 @@ def test_every_name_is_let_go_of(gateway: int, place: Path) -> None:
     open_port(f"tcp://127.1:{gateway}", 9600).close()
 
 
-def test_other_machines_and_other_numbers_are_other_ports() -> None:
+def test_ports_of_other_machines_and_numbers_are_other_ports() -> None:
     names = ["tcp://192.0.2.1:502", "tcp://192.0.2.2:502", "tcp://192.0.2.1:503", "tcp://[2001:db8::1]:502"]
     assert len({identities(name) for name in names}) == len(names)
     assert identities("tcp://[::ffff:192.0.2.1]:502") == identities("tcp://192.0.2.1:502")
 
 
-def test_all_addresses_of_this_machine_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_addresses_of_this_machine_are_one_port(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ownership._is_here(socket.AF_INET, ("127.0.0.1", 9))
     assert not ownership._is_here(socket.AF_INET, ("192.0.2.7", 9))
     monkeypatch.setattr(ownership, "_is_here", lambda family, address: address[0] == "192.0.2.7")
@@ -210,7 +210,7 @@ def test_all_addresses_of_this_machine_are_one(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("port", ["tcp://no-such-host.invalid:5", "tcp://a..b:5", f"tcp://{'x' * 70}:5"])
-def test_a_host_without_an_address_is_told_in_one_line(port: str) -> None:
+def test_a_host_without_an_address_is_refused_in_one_line(port: str) -> None:
     with raises(TransportError, "unknown_host", port=port) as caught:
         PortOwnership(port)
     assert len(str(caught.value).splitlines()) == 1
@@ -244,7 +244,7 @@ def test_a_port_that_is_exchanged_while_it_is_opened_is_refused(
 # --- the lock ---
 
 
-def test_the_lock_ends_with_its_process_however_that_ends(gateway: int) -> None:
+def test_a_lock_ends_with_its_process(gateway: int) -> None:
     port = f"tcp://127.0.0.1:{gateway}"
     with elsewhere(owning(port)) as (pid, said):
         assert said == "owned"
@@ -253,7 +253,7 @@ def test_the_lock_ends_with_its_process_however_that_ends(gateway: int) -> None:
     PortOwnership(port).release()
 
 
-def test_who_asks_lets_go_of_nothing(gateway: int) -> None:
+def test_asking_for_the_owner_releases_no_lock(gateway: int) -> None:
     """To close any descriptor of a file would end this process's lock on it."""
     port = f"tcp://127.0.0.1:{gateway}"
     own = PortOwnership(port)
@@ -270,7 +270,7 @@ def test_who_asks_lets_go_of_nothing(gateway: int) -> None:
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["there before", "made meanwhile"])
-def test_a_second_name_of_a_held_lock_lets_go_of_nothing(
+def test_a_second_name_of_a_held_lock_releases_nothing(
     gateway: int, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
 ) -> None:
     """A hard link that somebody made from the place of one lock to another one's."""
@@ -290,7 +290,7 @@ def test_a_second_name_of_a_held_lock_lets_go_of_nothing(
 
 
 @pytest.mark.parametrize("link", [os.link, os.symlink], ids=["second name", "link"])
-def test_somebody_elses_file_in_the_place_of_a_lock_tells_of_no_owner(
+def test_a_foreign_file_in_the_place_of_a_lock_names_no_owner(
     gateway: int, place: Path, tmp_path: Path, link: Callable[[Path, Path], None]
 ) -> None:
     """Whoever has locked a file of their own is no owner of a port, and is not to be signalled."""
@@ -312,7 +312,7 @@ def test_somebody_elses_file_in_the_place_of_a_lock_tells_of_no_owner(
 
 
 @pytest.mark.parametrize("kind", ["link", "dangling", "pipe", "folder", "socket", "text"])
-def test_what_lies_in_the_place_of_a_lock_is_never_written_to_nor_waited_for(
+def test_a_foreign_file_in_the_place_of_a_lock_is_neither_written_nor_waited_for(
     kind: str, gateway: int, place: Path, tmp_path: Path
 ) -> None:
     target = tmp_path / "target"
@@ -345,7 +345,7 @@ def test_what_lies_in_the_place_of_a_lock_is_never_written_to_nor_waited_for(
         assert target.read_text() == "precious"
 
 
-def test_a_lock_whose_file_goes_away_meanwhile_is_taken_anew(
+def test_a_lock_whose_file_is_removed_meanwhile_is_taken_again(
     gateway: int, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever let go of it has removed it, and the next one has made another."""
@@ -365,7 +365,7 @@ def test_a_lock_whose_file_goes_away_meanwhile_is_taken_anew(
     own.release()
 
 
-def test_a_disk_on_which_nothing_fits_is_locked_all_the_same(gateway: int) -> None:
+def test_a_port_is_locked_on_a_full_disk(gateway: int) -> None:
     import resource
 
     def owns() -> str:
@@ -410,7 +410,7 @@ def test_an_owner_of_another_account_is_named_as_one(gateway: int) -> None:
 
 
 @needs_root
-def test_a_lock_that_is_closed_to_others_is_told_of_in_one_line(gateway: int, place: Path) -> None:
+def test_a_lock_closed_to_other_accounts_is_refused_in_one_line(gateway: int, place: Path) -> None:
     def shut() -> None:
         os.close(os.open(place, os.O_CREAT | os.O_WRONLY, 0o600))
 

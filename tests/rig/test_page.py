@@ -18,7 +18,7 @@ import rig.cli.script_execution as run_owner
 import rig.session.session as sessions
 from rig.bench.real import Request
 from rig.bench.virtual import VirtualBench, virtual_bench
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.devices.base import ForceTimeout
 from rig.devices.mtsics import MtSicsForce
 from rig.engine.contact_words import MAY_TOUCH

@@ -18,7 +18,7 @@ from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
 from rig.cli.progress import counted, progress
 from rig.cli.script_execution import time_left
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data.run_state import TimeLeft
 from rig.data.run_status import RunStatus, reason_of
 from rig.engine import TripError

@@ -30,8 +30,8 @@ from rig.cli.signals import (
 )
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced
+from rig.control.owned_stage import EndedError, OwnedStage, StopSwitch
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import EndedError, OwnedStage, StopSwitch
 from rig.data import RunFolder
 from rig.engine import RunAborted
 from rig.plan.config import Config

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from rig.bench.real import Request
 from rig.bench.virtual import load_on_sensor, true_carriage, truth, virtual_force, virtual_stage, with_framing
 from rig.clock import WallClock
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data import RunFolder, export_nwb, export_run, read_run
 from rig.data.bug_report import bug_report
 from rig.data.index import listed

@@ -12,7 +12,7 @@ import pytest
 import rig.devices.make_drivers as drivers
 from rig.bench.virtual import virtual_stage
 from rig.cli.script_execution import RunOwner
-from rig.control.stop import OwnedStage, StopSwitch
+from rig.control.owned_stage import OwnedStage, StopSwitch
 from rig.devices.base import Stage
 from rig.devices.registry import BUILT_IN, StageKind, find
 from rig.errors import RigError

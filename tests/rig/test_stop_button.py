@@ -14,7 +14,7 @@ import pytest
 import rig.bench.virtual as benches
 import rig.cli.confirm as confirming
 import rig.session.session as sessions
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.data import read_run
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Journal, TripError
@@ -145,7 +145,7 @@ def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_t
     assert abs(stands[0] - stopped[0]) < 40, "a tenth of a mm: the lateral drive has no button of its own"
 
 
-def test_a_run_whose_button_is_not_pressed_is_the_run_without_one(bench: Bench) -> None:
+def test_a_button_that_is_not_pressed_changes_nothing_in_a_run(bench: Bench) -> None:
     for name in ("door", "di1"):
         bench.config.write_text(BENCHES[name] + NEAR_HOME, encoding="utf-8")
         ended = bench.dry_run()
@@ -155,7 +155,7 @@ def test_a_run_whose_button_is_not_pressed_is_the_run_without_one(bench: Bench) 
 
 @pytest.mark.parametrize("key", ["input", "trip_input"])
 @pytest.mark.parametrize(("stage", "name"), [("grbl", "door"), ("grbl", "hold"), ("leadshine", "di4")])
-def test_a_run_begins_with_no_input_active(
+def test_a_run_is_refused_while_a_stop_input_is_active(
     stage: str, name: str, key: str, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     button = f"kind = 'board'\ninput = {name!r}" if key == "input" else f"trip_input = {name!r}"
@@ -215,7 +215,9 @@ DOOR_OR_HOLD = {"allowed": "door or hold", "stage": "grbl"}
         ("button = 'door'", "unknown_key", {"key": "stop.button"}),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(text: str, code: str, fields: dict[str, Any], tmp_path: Path) -> None:
+def test_an_invalid_button_in_the_configuration_is_refused_in_one_line(
+    text: str, code: str, fields: dict[str, Any], tmp_path: Path
+) -> None:
     (tmp_path / "rig.toml").write_text(f"[stop]\n{text}\n", encoding="utf-8")
     with raises(BadInputError, code, **fields) as caught:
         load_config(tmp_path / "rig.toml")
@@ -258,7 +260,7 @@ def test_a_key_is_pressed_until_it_is_released(pipe: tuple[Path, Callable[[bytes
     key.close()
 
 
-def test_a_pipe_may_be_written_by_one_program_after_the_other(tmp_path: Path) -> None:
+def test_a_named_pipe_may_be_written_by_one_program_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "pedal"
     os.mkfifo(path)
     key = StopKey(path)
@@ -268,7 +270,7 @@ def test_a_pipe_may_be_written_by_one_program_after_the_other(tmp_path: Path) ->
     key.close()
 
 
-def test_of_a_keyboard_one_key_may_count(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
+def test_one_key_of_a_keyboard_may_be_the_button(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
     path, send = pipe
     key, presses = StopKey(path, A), list[int]()
     key.arm(lambda: presses.append(1))
@@ -278,7 +280,7 @@ def test_of_a_keyboard_one_key_may_count(pipe: tuple[Path, Callable[[bytes], obj
     key.close()
 
 
-def test_a_key_that_is_closed_leaves_nothing_open_and_one_that_is_not_holds_up_no_exit(
+def test_a_closed_button_leaves_no_file_open_and_an_open_one_delays_no_exit(
     pipe: tuple[Path, Callable[[bytes], object]],
 ) -> None:
     path, _ = pipe
@@ -294,7 +296,7 @@ def test_a_key_that_is_closed_leaves_nothing_open_and_one_that_is_not_holds_up_n
 @pytest.mark.parametrize(
     ("read", "code"), [(OSError(19, "No such device"), "gone"), (b"", "no_key_events")], ids=["unplugged", "closed"]
 )
-def test_a_key_that_goes_away_is_known_to_be_gone(
+def test_a_button_that_is_unplugged_counts_as_gone(
     pipe: tuple[Path, Callable[[bytes], object]], monkeypatch: pytest.MonkeyPatch, read: bytes | OSError, code: str
 ) -> None:
     path, send = pipe
@@ -319,7 +321,7 @@ def test_a_key_that_goes_away_is_known_to_be_gone(
     ("down", "only", "pressed"),
     [([], None, False), ([A], None, True), ([A], A, True), ([A], B, False), ([B, 767], A, False), ([767], 767, True)],
 )
-def test_a_key_that_is_down_as_the_device_is_opened_is_pressed_until_it_is_let_go(
+def test_a_key_held_while_the_device_is_opened_counts_as_pressed(
     down: list[int], only: int | None, pressed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A device of Linux is asked for its keys (EVIOCGKEY, a bit each) and reserved (EVIOCGRAB)."""
@@ -350,7 +352,7 @@ def test_a_key_that_is_down_as_the_device_is_opened_is_pressed_until_it_is_let_g
     os.close(master)
 
 
-def test_what_sends_no_key_events_is_no_button(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
+def test_a_device_without_key_events_is_no_button(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
     path, send = pipe
     key = StopKey(path)
     send(event(A, 1) + b"x")
@@ -363,7 +365,7 @@ def test_what_sends_no_key_events_is_no_button(pipe: tuple[Path, Callable[[bytes
 @pytest.mark.parametrize(
     ("what", "code"), [("missing", "not_opened"), ("a file", "not_grabbed"), ("a folder", "not_grabbed")]
 )
-def test_what_is_no_input_device_is_refused(what: str, code: str, tmp_path: Path) -> None:
+def test_a_path_that_is_no_input_device_is_refused(what: str, code: str, tmp_path: Path) -> None:
     path = tmp_path / "pedal"
     if what == "a file":
         path.write_text("x", encoding="utf-8")
@@ -437,7 +439,7 @@ def _first(folder: Path) -> dict[str, Any]:
     return found
 
 
-def test_before_a_real_run_it_is_pressed_and_released_once(
+def test_before_a_real_run_the_button_is_pressed_and_released_once(
     real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = confirming._seen
@@ -455,7 +457,7 @@ def test_before_a_real_run_it_is_pressed_and_released_once(
 
 
 @pytest.mark.parametrize("pressed_before", [False, True])
-def test_a_button_that_nobody_presses_or_that_stays_pressed_lets_nothing_begin(
+def test_no_run_begins_with_a_button_that_is_not_pressed_or_stays_pressed(
     pressed_before: bool, real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path
 ) -> None:
     if pressed_before:
@@ -466,16 +468,14 @@ def test_a_button_that_nobody_presses_or_that_stays_pressed_lets_nothing_begin(
     assert not list((tmp_path / "runs").glob("2*"))
 
 
-def test_without_anybody_to_ask_it_is_read_and_said_not_to_be_tested(
-    real: Callable[..., Ended], tmp_path: Path
-) -> None:
+def test_with_yes_the_button_is_read_and_reported_as_not_tested(real: Callable[..., Ended], tmp_path: Path) -> None:
     ended = real("--yes")
     assert ended.code == 0, ended.err
     assert "stop      not pressed, not tested" in ended.err
     assert _first(tmp_path)["stop_button"] == {"kind": "key", "tested": False}
 
 
-def test_without_anybody_to_ask_one_that_is_pressed_refuses_the_run(
+def test_with_yes_a_pressed_button_refuses_the_run(
     real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path
 ) -> None:
     pipe[1](event(A, 1))  # it waits there for whoever opens the pipe
@@ -485,7 +485,7 @@ def test_without_anybody_to_ask_one_that_is_pressed_refuses_the_run(
     assert not list((tmp_path / "runs").glob("2*"))
 
 
-def test_a_key_that_is_not_there_refuses_the_run(real: Callable[..., Ended], pipe: tuple[Path, Any]) -> None:
+def test_a_missing_button_refuses_the_run(real: Callable[..., Ended], pipe: tuple[Path, Any]) -> None:
     pipe[0].rename(pipe[0].with_name("elsewhere"))
     ended = real("--yes")
     assert ended.code == 2, ended.err

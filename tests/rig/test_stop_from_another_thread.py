@@ -61,7 +61,7 @@ def board(clock: VirtualClock) -> Watched:
         (b"Idle", lambda stage: stage.home()),
     ],
 )
-def test_a_stop_in_the_middle_of_anything_goes_out_and_nothing_is_trusted_or_moved_after_it(
+def test_a_stop_during_any_command_goes_out_and_nothing_moves_after_it(
     board: Watched, when: bytes, do: Callable[[Any], None]
 ) -> None:
     stage = connected(board)
@@ -78,7 +78,7 @@ def test_a_stop_in_the_middle_of_anything_goes_out_and_nothing_is_trusted_or_mov
     assert not [data for data in board.said[said:] if data.startswith((b"G92", b"G1"))]
 
 
-def test_lines_are_refused_before_the_stop_is_on_the_wire(board: Watched) -> None:
+def test_no_line_follows_a_stop_that_is_being_sent(board: Watched) -> None:
     """Or a line of another thread could follow the reset and move a board that is ready again."""
     stage = connected(board)
     seen: list[bool] = []
@@ -124,7 +124,7 @@ class Wire:
         """Nothing to close."""
 
 
-def test_a_stop_passes_an_exchange_under_way_and_what_follows_it_takes_its_turn(rtu: Callable[[str], bytes]) -> None:
+def test_a_stop_passes_an_exchange_under_way_on_a_bus(rtu: Callable[[str], bytes]) -> None:
     wire = Wire()
     bus = ModbusMaster(wire, WallClock(), reply_s=DEADLINE_S)
     main = threading.Thread(target=lambda: bus.write_one(1, 0x6200, 7), name="main")
@@ -152,7 +152,7 @@ def test_a_stop_passes_an_exchange_under_way_and_what_follows_it_takes_its_turn(
     ]
 
 
-def test_an_exchange_that_hangs_is_not_waited_for(rtu: Callable[[str], bytes], clock: VirtualClock) -> None:
+def test_a_stop_does_not_wait_for_an_exchange_that_hangs(rtu: Callable[[str], bytes], clock: VirtualClock) -> None:
     wire = Wire()
     wire.may_answer.set()
     bus = ModbusMaster(wire, clock, reply_s=0.01)

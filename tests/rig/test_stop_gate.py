@@ -51,7 +51,7 @@ def elsewhere(action: Callable[[], object]) -> list[str]:
     return raised
 
 
-def test_while_nobody_stops_it_is_the_wire_itself() -> None:
+def test_without_a_stop_the_gate_passes_all_bytes() -> None:
     wire, gate = Wire(), StopGate()
     guarded = gate.guarded(wire)
     guarded.write(b"move")
@@ -61,7 +61,7 @@ def test_while_nobody_stops_it_is_the_wire_itself() -> None:
     assert wire.closed
 
 
-def test_after_a_stop_nothing_goes_out_or_comes_in_until_it_is_opened() -> None:
+def test_after_a_stop_no_byte_passes_until_the_gate_is_opened() -> None:
     wire, gate = Wire(), StopGate()
     guarded = gate.guarded(wire)
     with gate.stopping():
@@ -78,7 +78,7 @@ def test_after_a_stop_nothing_goes_out_or_comes_in_until_it_is_opened() -> None:
     assert wire.written == [b"stop", b"home"]
 
 
-def test_only_who_stops_is_heard_meanwhile() -> None:
+def test_during_a_stop_only_its_thread_writes_and_reads() -> None:
     wire, gate = Wire(), StopGate()
     guarded = gate.guarded(wire)
     with gate.stopping():
@@ -94,7 +94,7 @@ def test_only_who_stops_is_heard_meanwhile() -> None:
     assert gate.open()
 
 
-def test_what_is_heard_too_late_belongs_to_who_stops() -> None:
+def test_bytes_that_arrive_during_a_stop_go_to_the_stopping_thread() -> None:
     wire, gate = Wire(), StopGate()
 
     def stop_meanwhile(data: bytes) -> None:
@@ -107,7 +107,7 @@ def test_what_is_heard_too_late_belongs_to_who_stops() -> None:
 
 
 @pytest.mark.parametrize("stuck", [False, True])
-def test_a_write_under_way_goes_first_unless_it_is_stuck(stuck: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_waits_for_a_write_under_way_unless_it_is_stuck(stuck: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     assert stop_gate.STUCK_S == 0.05
     monkeypatch.setattr(stop_gate, "STUCK_S", 0.001 if stuck else DEADLINE_S)
     wire, gate, writing, go_on = Wire(), StopGate(), threading.Event(), threading.Event()
@@ -136,7 +136,7 @@ def test_a_write_under_way_goes_first_unless_it_is_stuck(stuck: bool, monkeypatc
     assert wire.written == ([b"stop", b"move"] if stuck else [b"move", b"stop"])
 
 
-def test_a_stop_that_did_not_wait_gives_the_lock_to_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_past_a_stuck_write_leaves_the_lock_to_its_holder(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stuck write goes on to hold it, and a second stop does not wait for it either."""
     monkeypatch.setattr(stop_gate, "STUCK_S", 0.001)
     wire, gate = Wire(), StopGate()

@@ -15,7 +15,7 @@ import pytest
 
 from rig.clock import WallClock
 from rig.control.client import announced
-from rig.panel import requests
+from rig.panel import stops
 from rig.panel.access import Address
 from rig.panel.app import applications
 from rig.panel.watcher import BenchView, Watcher
@@ -62,7 +62,8 @@ config, state, holds, account, kind = sys.argv[1:]
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import OwnedStage, answer_to_a_stop, stage_alone
+from rig.control.owned_stage import OwnedStage, answer_to_a_stop
+from rig.control.stage_alone import stage_alone
 from rig.devices.registry import stage_ports
 
 settings, _ = stage_alone(Path(config))
@@ -281,7 +282,7 @@ def test_stop_in_the_panel(
     monkeypatch: pytest.MonkeyPatch,
     record_property: Callable[[str, object], None],
 ) -> None:
-    monkeypatch.setattr(requests, "_STOP_S", DEADLINE_S)
+    monkeypatch.setattr(stops, "_ANSWER_S", DEADLINE_S)
     with cell(owner, port, tmp_path) as made:
         settings = Config.model_validate({"stage": {"port": made.port}})
         watcher = Watcher(tmp_path / "runs", BenchView(made.config, settings), announced, WallClock())

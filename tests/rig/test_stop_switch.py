@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.control.stop import EndedError, StopSwitch
+from rig.control.owned_stage import EndedError, StopSwitch
 from rig.devices.base import StageError
 from rig.engine import LimitError
 from rig.session.script_run import stopped_at_once
@@ -46,7 +46,9 @@ def switch(stage: Any, interrupts: list[str]) -> StopSwitch:
     return switch
 
 
-def test_the_stage_is_told_before_the_main_thread_is(switch: StopSwitch, stage: Any, interrupts: list[str]) -> None:
+def test_a_stop_reaches_the_stage_before_the_main_thread_is_interrupted(
+    switch: StopSwitch, stage: Any, interrupts: list[str]
+) -> None:
     seen: list[tuple[bool, list[str]]] = []
     stage.act = lambda: seen.append((switch.stopped, list(interrupts)))
     assert switch.stopped is False
@@ -56,7 +58,7 @@ def test_the_stage_is_told_before_the_main_thread_is(switch: StopSwitch, stage: 
     assert switch.kept == "!\n"
 
 
-def test_a_stage_that_does_not_stand_is_told_of_and_the_run_ends_all_the_same(
+def test_a_stop_that_the_stage_does_not_confirm_is_reported_and_ends_the_run(
     switch: StopSwitch, stage: Any, interrupts: list[str]
 ) -> None:
     problem = TransportError("there is no port")
@@ -72,16 +74,14 @@ def test_a_stage_that_does_not_stand_is_told_of_and_the_run_ends_all_the_same(
     assert switch.stopped
 
 
-def test_on_a_virtual_bench_the_main_thread_stops(interrupts: list[str]) -> None:
+def test_on_a_virtual_bench_a_stop_interrupts_the_main_thread(interrupts: list[str]) -> None:
     switch = StopSwitch(None, lambda: interrupts.append("main"))
     switch.begins()
     switch.stop()
     assert (interrupts, switch.kept, switch.stopped) == (["main"], "", True)
 
 
-def test_the_main_thread_is_interrupted_once_for_what_it_does(
-    switch: StopSwitch, stage: Any, interrupts: list[str]
-) -> None:
+def test_the_main_thread_is_interrupted_once_per_work(switch: StopSwitch, stage: Any, interrupts: list[str]) -> None:
     """A second press must not cut short what writes the first one down; what begins after that may be stopped."""
     for _ in range(3):
         switch.stop()
@@ -91,7 +91,7 @@ def test_the_main_thread_is_interrupted_once_for_what_it_does(
     assert interrupts == ["main"] * 2
 
 
-def test_who_has_noticed_the_stop_is_not_interrupted_any_more(
+def test_a_main_thread_that_noticed_the_stop_is_not_interrupted(
     switch: StopSwitch, stage: Any, interrupts: list[str]
 ) -> None:
     assert switch.noticed() is False
@@ -101,7 +101,7 @@ def test_who_has_noticed_the_stop_is_not_interrupted_any_more(
     assert (noticed, interrupts) == ([True], [])
 
 
-def test_a_stop_before_the_main_thread_begins_is_known_to_it_when_it_does(stage: Any, interrupts: list[str]) -> None:
+def test_a_stop_before_the_work_begins_ends_it_at_its_beginning(stage: Any, interrupts: list[str]) -> None:
     switch = StopSwitch(stage, lambda: interrupts.append("main"))
     switch.stop()
     assert (stage.told, interrupts) == (1, []), "where it is would record nothing"
@@ -111,9 +111,7 @@ def test_a_stop_before_the_main_thread_begins_is_known_to_it_when_it_does(stage:
     assert (stage.told, interrupts) == (2, []), "it is ending already"
 
 
-def test_from_its_end_on_nothing_is_interrupted_and_no_stop_is_taken(
-    switch: StopSwitch, stage: Any, interrupts: list[str]
-) -> None:
+def test_after_its_end_a_run_refuses_stops(switch: StopSwitch, stage: Any, interrupts: list[str]) -> None:
     switch.over()
     with raises(EndedError, "ended"):
         switch.stop()
@@ -176,7 +174,7 @@ def engine() -> Any:
         (SystemExit(), True, SystemExit, 1),
     ],
 )
-def test_what_fails_after_a_stop_has_failed_for_that(
+def test_an_error_after_a_stop_is_reported_as_the_stop(
     engine: Any, error: BaseException, stopped: bool, raised: type[BaseException], times: int
 ) -> None:
     with pytest.raises(raised), stopped_at_once(engine, lambda: stopped):

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from rig.control.client import ControlError
-from rig.control.stop import BESIDE_S, NoStageError, OutsideStop, SentStop, stage_alone
+from rig.control.stage_alone import NoStageError, stage_alone
+from rig.control.stop import BESIDE_S, OutsideStop, SentStop
 from rig.transport import PortOwner, open_port
 from tests.error_codes import raises
 from tests.preloaded import Popen
@@ -105,7 +106,7 @@ def test_only_an_owner_of_this_account_is_signalled(
     assert (found.sent, found.state) == (True, "Alarm")
 
 
-def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) -> None:
+def test_a_stop_finds_the_owner_under_every_name_of_the_port(tmp_path: Path) -> None:
     """By who holds the lock: no name of somebody else's port is looked up for it."""
     board = obstacles.Board()
     said: list[tuple[int, bytes]] = []
@@ -130,7 +131,7 @@ def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) ->
     assert (found.sent, found.state) == (True, "Alarm")
 
 
-def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_path: Path) -> None:
+def test_no_byte_is_sent_beside_an_owner_that_is_answering(tmp_path: Path) -> None:
     """What drives answer is for one reader; an owner that keeps the port is not waited for after that."""
     board = obstacles.Board()
     before: list[bytes] = []
@@ -156,7 +157,7 @@ def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_pa
     assert board.all.startswith(obstacles.STOP)
 
 
-def test_of_two_wires_one_that_cannot_be_opened_keeps_nothing_from_the_other(tmp_path: Path) -> None:
+def test_of_two_ports_one_that_does_not_open_keeps_no_stop_from_the_other(tmp_path: Path) -> None:
     board = obstacles.Board()
     with board.behind_tcp() as port:
         ports = (("x", 1, "/dev/ttyNOWHERE7"), ("z", 2, port))
@@ -184,7 +185,7 @@ def test_of_two_wires_one_that_cannot_be_opened_keeps_nothing_from_the_other(tmp
         ("x = [\n[1, 2],\n\n[stage]\nport = '/dev/a'\nresolution_mm = 'x'\n", 2),
     ],
 )
-def test_what_is_wrong_elsewhere_is_passed_over(text: str, passed: int, tmp_path: Path) -> None:
+def test_a_stop_reads_the_stage_despite_other_errors_in_the_file(text: str, passed: int, tmp_path: Path) -> None:
     settings, lines = stage_alone(_file(tmp_path, text))
     assert (settings.stage.port, settings.stage.baud) == ("/dev/a", 115200)
     assert len(lines) == passed
@@ -206,7 +207,7 @@ def test_what_is_wrong_elsewhere_is_passed_over(text: str, passed: int, tmp_path
         ),
     ],
 )  # fmt: skip
-def test_a_stage_that_is_not_said_is_not_guessed(
+def test_a_stop_is_refused_if_the_file_does_not_identify_the_stage(
     text: str, code: str, fields: dict[str, str], tmp_path: Path
 ) -> None:
     path = _file(tmp_path, text)
@@ -216,7 +217,7 @@ def test_a_stage_that_is_not_said_is_not_guessed(
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_of_defaults_is_the_default_stage(tmp_path: Path) -> None:
+def test_an_empty_file_means_the_default_stage(tmp_path: Path) -> None:
     assert tomllib.loads("") == {}
     assert stage_alone(_file(tmp_path, ""))[0].stage.port == "/dev/ttyUSB0"
 
@@ -233,7 +234,7 @@ def test_a_file_of_defaults_is_the_default_stage(tmp_path: Path) -> None:
         (SentStop(("a",), problems=["gone", "gone"]), "Stop NOT sent to a", False),
     ],
 )  # fmt: skip
-def test_the_words_begin_with_what_is_known(found: SentStop, words: str, done: bool) -> None:
+def test_the_report_of_a_stop_begins_with_its_result(found: SentStop, words: str, done: bool) -> None:
     assert found.words.startswith(words)
     assert found.done is done
     assert ("emergency stop" in found.words) is not done

@@ -9,7 +9,7 @@ import pytest
 
 import rig.session.session as sessions
 from rig.bench.virtual import virtual_bench
-from rig.control.stop import OwnedStage
+from rig.control.owned_stage import OwnedStage
 from rig.session.execute import Live
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip

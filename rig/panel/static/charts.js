@@ -144,7 +144,9 @@ export class Traces {
     force.setData([time[0], time[3], time[1]]);
     depth.setData([time[0], time[2]]);
     both.setData(predicted[0].length ? predicted : [[0, tops.deep], [null, null]]);
-    write("press_words", press === null ? "" : `(${press.replace("data ", "index ")}${predicted[0].length ? "" : ", no prediction"})`);
+    const [purpose, index] = press?.split(" ") ?? [];
+    const name = `${purpose === "data" ? "indentation" : purpose} ${Number(index) + 1}`;
+    write("press_words", press === null ? "" : `(${name}${predicted[0].length ? "" : ", no prediction"})`);
     this.resize();
   }
 

@@ -26,7 +26,10 @@ function timeOfDay(unix_s) {
   return [then.getHours(), then.getMinutes(), then.getSeconds()].map(two).join(":");
 }
 
-const since = (when) => `${timeOfDay(when.unix_s)}, ${when.age_s < 100 ? `${Math.floor(when.age_s)} s` : asClock(when.age_s)} ago`;
+function since(when) {
+  if (when.age_s >= 86_400) return `${new Date(when.unix_s * 1000).toLocaleDateString("sv")} ${timeOfDay(when.unix_s)}`; // ISO 8601
+  return `${timeOfDay(when.unix_s)}, ${when.age_s < 100 ? `${Math.floor(when.age_s)} s` : asClock(when.age_s)} ago`;
+}
 
 /** The time of an event by the server's clock, which is this machine's, and by the time passed here since.
  *
@@ -145,14 +148,15 @@ class Numbers {
   look() {
     const { force_gwt, doi_mm, x_mm, y_mm, height_mm, phase } = this.newest;
     const { trip_gwt, max_doi_mm } = this.limits ?? {};
+    const place = (mm, decimals) => (!known(mm) && this.devices.stage?.seen && this.devices.stage.homed === false ? "unknown" : inMm(mm, decimals));
     write("force_gwt", fixed(force_gwt, 2));
     mark(at("force_gwt").parentElement, "long", fixed(force_gwt, 2).length > 4);
     write("force_n", known(force_gwt) ? fixed(force_gwt * N_PER_GWT, 4) : "–");
     write("depth_words", known(doi_mm) ? `${inMm(doi_mm, 3)} (${fixed(doi_mm * 1000, 0)} µm)` : "–");
-    write("x_words", inMm(x_mm, 2));
-    write("y_words", inMm(y_mm, 2));
+    write("x_words", place(x_mm, 2));
+    write("y_words", place(y_mm, 2));
     show("y", this.y_moves);
-    write("height_words", inMm(height_mm, 3));
+    write("height_words", place(height_mm, 3));
     write("phase_words", phase || "–");
     write("trip_words", inBoth(trip_gwt));
     write("deepest_words", inMm(max_doi_mm, 2));
@@ -375,6 +379,7 @@ function look() {
   show("no_token", !hasToken());
   show("watching", hasToken() && state !== null && state.controls !== null && !mine() && !feed.silent);
   show("no_server", hasToken() && feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
+  if (feed.heard !== null && feed.silent) write("controls_words", "not known: no data from the panel's server", "lost");
   const lost = feed.heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
   const retrying = feed.refused ? "another panel answers: open the address that rig panel printed last" : "retrying";
   write("no_server", `${lost}; ${retrying}. No value here is live and STOP may not work: use the emergency stop.`, feed.heard === null ? "not_answered_yet" : "lost");
@@ -396,7 +401,7 @@ function what() {
   write("what", words.filter(Boolean).join(" · "), run ? "run" : (owner?.kind.replace(" ", "_") ?? "nothing"));
 }
 
-const HEADINGS = { tripped: "TRIPPED", aborted: "STOPPED", limited: "REFUSED BY A LIMIT", failed: "FAILED", killed: "NO END RECORD", incomplete: "INCOMPLETE" };
+const HEADINGS = { tripped: "TRIPPED", aborted: "STOPPED", limited: "REFUSED BY A LIMIT", failed: "FAILED", killed: "NO END RECORD", incomplete: "INCOMPLETE", "in contact": "THE INDENTOR MAY TOUCH THE FINGER" };
 
 /** The notice of a trip, a stop or another early end, which stays until something else begins. */
 function attend(attention) {
@@ -405,7 +410,9 @@ function attend(attention) {
   if (attention === null) return;
   const calm = !attention.may_touch && ["aborted", "limited", "incomplete"].includes(attention.status);
   at("attention").className = calm ? "banner" : "banner bad";
-  write("attention_title", [HEADINGS[attention.status] ?? attention.status, attention.reason_text !== "stopped" && attention.reason_text].filter(Boolean).join(": "), attention.status);
+  const heading = HEADINGS[attention.status] ?? attention.status;
+  const reason = attention.reason_text.startsWith("stopped") ? attention.reason_text.slice("stopped".length) : `: ${attention.reason_text}`;
+  write("attention_title", `${heading}${reason}`, attention.status);
   write("attention_where", attention.where_text ?? "–");
   write("attention_next", attention.next_text ?? "–");
   write("attention_resume", attention.resume ?? "");

@@ -8,7 +8,11 @@ export const at = (id) => document.getElementById(id);
 /** Write words for the reader and their code, as `data-code`, for programs. */
 export function write(id, words, code) {
   const element = at(id);
-  if (element.textContent !== words) element.textContent = words;
+  const [first, ...rest] = words.split("`"); // commands, as in Markdown
+  if (rest.length === 0 && element.textContent !== words) element.textContent = words;
+  else if (rest.length > 0 && element.textContent !== words.replaceAll("`", "")) {
+    element.replaceChildren(first, ...rest.map((part, n) => (n % 2 ? part : Object.assign(document.createElement("code"), { textContent: part }))));
+  }
   if (code !== undefined && element.dataset.code !== code) element.dataset.code = code;
 }
 
@@ -89,8 +93,8 @@ let loud = null;
 /** Every press sends a request; one that follows before there is a reply belongs to the same stop. */
 function stop(event) {
   const of = pressed_ms === null ? number + 1 : number;
-  post(STOP_PORT, {}, { ...stopOptions(), keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
-  if (of > number) worker.postMessage({ addresses: [STOP_PORT, "/stop"], options: stopOptions(), of });
+  post(STOP_PORT, { press: of }, { ...stopOptions(), keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
+  if (of > number) worker.postMessage({ addresses: [STOP_PORT, "/stop"], options: stopOptions(), body: JSON.stringify({ press: of }), of });
   event.preventDefault();
   if (of === number) return;
   number = of;

@@ -18,7 +18,7 @@ onmessage = ({ data }) => {
 
 /** Ask each address in turn. */
 async function ask(one) {
-  const reply = await answer(one.addresses[one.asked++ % one.addresses.length], one.options);
+  const reply = await answer(one.addresses[one.asked++ % one.addresses.length], one);
   if (one !== trying) return;
   if (FINAL.includes(reply.status)) {
     clearInterval(one.timer);
@@ -27,10 +27,10 @@ async function ask(one) {
   postMessage({ ...reply, of: one.of });
 }
 
-async function answer(address, options) {
+async function answer(address, { options, body }) {
   try {
     const signal = AbortSignal.timeout(PATIENCE_MS);
-    const response = await fetch(address, { ...options, method: "POST", priority: "high", body: "{}", signal });
+    const response = await fetch(address, { ...options, method: "POST", priority: "high", body, signal });
     const reply = await response.json().catch(() => ({}));
     const problem = response.ok ? null : `the server returned ${response.status}`;
     const at_ms = performance.timeOrigin + performance.now();

@@ -26,6 +26,11 @@ class Answer:
 
 def asked(app: Any, method: str, target: str, headers: Pairs, pieces: Sequence[bytes] = (b"",)) -> Answer:
     """The answer to a request whose body comes in these pieces."""
+    return asyncio.run(answer_to(app, method, target, headers, pieces))
+
+
+async def answer_to(app: Any, method: str, target: str, headers: Pairs, pieces: Sequence[bytes]) -> Answer:
+    """The same, beside other requests."""
     path, _, query = target.partition("?")
     raw = [(name.encode(), value if isinstance(value, bytes) else value.encode()) for name, value in headers]
     scope = {"type": "http", "http_version": "1.1", "method": method, "scheme": "http", "headers": raw}
@@ -42,6 +47,6 @@ def asked(app: Any, method: str, target: str, headers: Pairs, pieces: Sequence[b
     async def send(message: dict[str, Any]) -> None:
         said.append(message)
 
-    asyncio.run(app(scope, receive, send))
+    await app(scope, receive, send)
     start, *bodies = said
     return Answer(start["status"], Headers(raw=start["headers"]), b"".join(one.get("body", b"") for one in bodies))

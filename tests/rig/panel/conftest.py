@@ -7,7 +7,7 @@ import pytest
 
 from rig.control.stop import SentStop
 from rig.devices.registry import stage_ports
-from rig.panel import requests
+from rig.panel import stops
 from rig.panel.access import Address
 from rig.panel.app import applications
 from rig.panel.watcher import BenchView, Watcher
@@ -21,21 +21,21 @@ from tests.waiting import DEADLINE_S
 @pytest.fixture(autouse=True)
 def sent(monkeypatch: pytest.MonkeyPatch) -> list[BenchSettings]:
     """Stops that the panel sends itself, to a stage that cannot be reached; never to a port of this machine."""
-    stops: list[BenchSettings] = []
+    direct: list[BenchSettings] = []
 
     def send(settings: BenchSettings) -> SentStop:
-        stops.append(settings)
+        direct.append(settings)
         return SentStop(stage_ports(settings.stage), problems=["there is no such port"])
 
-    monkeypatch.setattr(requests, "send_stop", send)
-    monkeypatch.setattr(requests, "BESIDE_S", DEADLINE_S)
-    return stops
+    monkeypatch.setattr(stops, "send_stop", send)
+    monkeypatch.setattr(stops, "BESIDE_S", DEADLINE_S)
+    return direct
 
 
 @pytest.fixture
 def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., StubPanel]:
     """Make a panel: make(*owners, configured=True). On however slow a machine it waits for the answer to a stop."""
-    monkeypatch.setattr(requests, "_STOP_S", DEADLINE_S)
+    monkeypatch.setattr(stops, "_ANSWER_S", DEADLINE_S)
 
     def made(*owners: StubOwner, configured: bool = True) -> StubPanel:
         there, clock, bench = list(owners), VirtualClock(1000.0), StubHandProcess()

@@ -1,4 +1,4 @@
-"""Who is let in: each refusal for every request that changes something, walked from the routes themselves."""
+"""Who is let in: the panel's own page on this machine, for every request that its routes name."""
 
 import asyncio
 
@@ -11,7 +11,8 @@ from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.stub_panel import HERE, OWN, PORT, STOP_PORT, TOKEN, StubPanel
 
 PAGE_POLICY = Address(PORT, STOP_PORT, TOKEN).page_policy
-ALL = ["/by_hand", "/go_on", "/home", "/leave", "/park", "/pause", "/step", "/stop", "/take", "/zero"]
+POSTS = ["/by_hand", "/go_on", "/home", "/leave", "/park", "/pause", "/step", "/stop", "/take", "/zero"]
+PAGES = ["/", "/events", "/runs.json", "/runs/a/", "/runs/a/b", "/static/a", "/none"]
 ELSEWHERE = "http://evil.example"
 WRONG: dict[str, dict[str, str | bytes | None]] = {
     "no token": {"x_rig_token": None},
@@ -33,89 +34,74 @@ WRONG: dict[str, dict[str, str | bytes | None]] = {
     "another port": {"host": f"127.0.0.1:{PORT + 1}"},
     "no port": {"host": "127.0.0.1"},
 }  # fmt: skip
+FOREIGN: list[dict[str, str]] = [
+    {"host": "evil.example"},
+    {"host": f"rebound.evil.example:{PORT}"},
+    {"origin": ELSEWHERE},
+    {"origin": "null"},
+    {"sec_fetch_site": "cross-site", "sec_fetch_mode": "no-cors"},
+    {"sec_fetch_site": "same-site", "sec_fetch_mode": "cors"},
+    {"sec_fetch_site": "cross-site"},
+]
+OWN_PAGE: list[dict[str, str]] = [
+    {},
+    {"origin": HERE},
+    {"sec_fetch_site": "none", "sec_fetch_mode": "navigate"},
+    {"sec_fetch_site": "same-origin", "sec_fetch_mode": "cors"},
+    {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate"},  # a link from anywhere
+]
 
 
-def test_every_request_that_changes_something_is_walked(panel: StubPanel) -> None:
+def test_these_are_all_requests_that_change_something(panel: StubPanel) -> None:
     routes = [one for one in panel.app._app.routes if isinstance(one, Route)]  # type: ignore[attr-defined]
-    assert sorted(one.path for one in routes if "POST" in (one.methods or ())) == ALL
+    assert sorted(one.path for one in routes if "POST" in (one.methods or ())) == POSTS
     assert {method for one in routes for method in one.methods or ()} == {"GET", "HEAD", "POST"}
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_not_the_page_s_own_is_refused_and_does_nothing(wrong: str, panel: StubPanel) -> None:
+def test_a_request_from_elsewhere_is_refused_and_does_nothing(wrong: str, panel: StubPanel) -> None:
     told = WRONG[wrong]
     code = "foreign_host" if "host" in told else "foreign_origin" if "origin" in told else "wrong_token"
-    for path in ALL:
+    for path in POSTS:
         assert panel.refused(path, **told) == (403, code), path
         assert (panel.owners[0].asked, panel.watcher.tabs.holder, panel.bench.taken) == ([], None, 0), path
 
 
-@pytest.mark.parametrize("path", ALL)
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST"])
-def test_what_is_the_page_s_own_is_let_in(path: str, host: str, panel: StubPanel) -> None:
+def test_a_request_from_the_panel_s_own_page_is_let_in(host: str, panel: StubPanel) -> None:
     own = f"{host}:{PORT}"
-    code, _ = panel.post(path, host=own, origin=f"http://{own.lower()}")
-    assert code != 403
+    for path in POSTS:
+        assert panel.post(path, host=own, origin=f"http://{own.lower()}")[0] != 403, path
 
 
 @pytest.mark.parametrize("twice", ["host", "origin", "x-rig-token"])
-def test_what_is_said_twice_is_refused(twice: str, panel: StubPanel) -> None:
-    """One of them may be read here, the other by whoever stands between."""
+def test_a_header_that_comes_twice_is_refused(twice: str, panel: StubPanel) -> None:
     headers = [*OWN.items(), ("x-rig-tab", "a"), (twice, OWN[twice])]
     assert asked(panel.app, "POST", "/take", headers, [b"{}"]).status_code == 403
     assert panel.watcher.tabs.holder is None
 
 
-@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "PROPFIND"])
-def test_there_are_no_other_methods(method: str, panel: StubPanel) -> None:
-    """A preflight is answered with a refusal: no other page may even ask."""
-    for path in (*ALL, "/", "/events", "/runs.json", "/runs/a/", "/runs/a/b", "/static/a", "/none"):
-        assert panel.get(path, method).status_code == 403, path
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "PROPFIND", "GET", "HEAD"])
+def test_other_methods_change_nothing_and_allow_no_other_page(method: str, panel: StubPanel) -> None:
+    shows = method in ("GET", "HEAD")
+    for path in POSTS if shows else (*POSTS, *PAGES):
+        assert shows or panel.get(path, method).status_code == 403, path
         answer = asked(panel.app, method, path, [*OWN.items(), ("x-rig-tab", "a")])
-        assert (answer.status_code, answer.json()["code"]) in ((404, "not_found"), (405, "method_not_allowed")), path
+        assert answer.status_code in (404, 405), path
         assert "access-control-allow-origin" not in answer.headers, path
-        assert panel.owners[0].asked == [], path
-
-
-@pytest.mark.parametrize("path", ALL)
-def test_what_changes_something_is_not_to_be_had_by_looking(path: str, panel: StubPanel) -> None:
-    for method in ("GET", "HEAD"):
-        assert panel.get(path, method, x_rig_token=TOKEN).status_code == 405
     assert panel.owners[0].asked == []
 
 
-@pytest.mark.parametrize("path", ["/", "/events", "/runs.json", "/runs/a/", "/runs/a/b", "/static/a", "/none"])
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"host": "evil.example"},
-        {"host": f"rebound.evil.example:{PORT}"},
-        {"origin": ELSEWHERE},
-        {"origin": "null"},
-        {"sec_fetch_site": "cross-site", "sec_fetch_mode": "no-cors"},
-        {"sec_fetch_site": "same-site", "sec_fetch_mode": "cors"},
-        {"sec_fetch_site": "cross-site"},
-    ],
-    ids=str,
-)
-def test_looking_is_for_this_machine_s_own_pages(path: str, headers: dict[str, str], panel: StubPanel) -> None:
-    answer = panel.get(path, **headers)
+@pytest.mark.parametrize("headers", FOREIGN, ids=str)
+def test_pages_of_other_sites_can_read_nothing(headers: dict[str, str], panel: StubPanel) -> None:
     code = "foreign_host" if "host" in headers else "foreign_page"
-    assert (answer.status_code, answer.json()["code"]) == (403, code)
+    for path in PAGES:
+        answer = panel.get(path, **headers)
+        assert (answer.status_code, answer.json()["code"]) == (403, code), path
 
 
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {},
-        {"origin": HERE},
-        {"sec_fetch_site": "none", "sec_fetch_mode": "navigate"},
-        {"sec_fetch_site": "same-origin", "sec_fetch_mode": "cors"},
-        {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate"},
-    ],
-    ids=str,
-)
-def test_a_link_from_anywhere_leads_to_the_page(headers: dict[str, str], panel: StubPanel) -> None:
+@pytest.mark.parametrize("headers", OWN_PAGE, ids=str)
+def test_a_browser_on_this_machine_can_open_the_page(headers: dict[str, str], panel: StubPanel) -> None:
     assert panel.get("/", **headers).status_code == 200
 
 
@@ -132,53 +118,49 @@ def test_a_stream_is_for_a_page_with_the_token(method: str, token: str | None, p
 
 
 @pytest.mark.parametrize("path", ["/", "/runs.json", "/runs/none/", "/none", "/static/none"])
-def test_every_answer_says_what_a_browser_may_do_with_it(path: str, panel: StubPanel) -> None:
+def test_every_answer_forbids_other_sites_to_use_it(path: str, panel: StubPanel) -> None:
     for answer in (panel.get(path), panel.get(path, host="evil.example")):
-        assert answer.headers["cache-control"] == "no-store"
         assert answer.headers["content-security-policy"] == PAGE_POLICY
-        assert answer.headers["cross-origin-resource-policy"] == "same-origin"
-        assert answer.headers["cross-origin-opener-policy"] == "same-origin"
-        assert answer.headers["referrer-policy"] == "no-referrer"
-        assert answer.headers["x-content-type-options"] == "nosniff"
-        assert answer.headers["x-frame-options"] == "DENY"
+        for name, value in {
+            "cache-control": "no-store",
+            "cross-origin-resource-policy": "same-origin",
+            "cross-origin-opener-policy": "same-origin",
+            "referrer-policy": "no-referrer",
+            "x-content-type-options": "nosniff",
+            "x-frame-options": "DENY",
+        }.items():
+            assert answer.headers[name] == value
         assert "access-control-allow-origin" not in answer.headers
 
 
-@pytest.mark.parametrize("path", ["/", "/static/index.html"])
-@pytest.mark.parametrize("part", ["0-1", "0-1,3-4", "1-" + "9" * 5000, "-" + "9" * 5000, "a-b", "", "-1--5", "1.5-"])
-def test_a_range_is_not_read_and_the_whole_file_is_sent(path: str, part: str, panel: StubPanel) -> None:
-    answer = panel.get(path, range=f"bytes={part}")
-    assert (answer.status_code, answer.content) == (200, panel.get(path).content)
+@pytest.mark.parametrize("part", ["0-1", "0-1,3-4", "1-" + "9" * 5000, "a-b", "", "1.5-"])
+def test_a_request_for_a_part_of_a_file_gets_the_whole_file(part: str, panel: StubPanel) -> None:
+    for path in ("/", "/static/index.html"):
+        answer = panel.get(path, range=f"bytes={part}")
+        assert (answer.status_code, answer.content) == (200, panel.get(path).content)
 
 
-def test_nothing_inline_and_nothing_from_elsewhere() -> None:
+def test_no_policy_allows_inline_scripts_or_another_site() -> None:
     stops = [f"http://{name}:{STOP_PORT}" for name in ("127.0.0.1", "localhost")]
     assert [one for one in PAGE_POLICY.split() if "http" in one] == [stops[0], f"{stops[1]};"]
-    assert "http" not in FILE_POLICY
+    assert "unsafe" not in PAGE_POLICY
     for policy in (PAGE_POLICY, FILE_POLICY):
         assert "default-src 'none'" in policy
         assert "frame-ancestors 'none'" in policy
-        assert "unsafe-eval" not in policy
-    assert "unsafe" not in PAGE_POLICY
     assert FILE_POLICY.startswith("sandbox; ")
-    assert "script" not in FILE_POLICY
-
-
-STOP_HOST = f"127.0.0.1:{STOP_PORT}"
+    assert not {"http", "script", "unsafe-eval"} & set(FILE_POLICY.replace(";", "").split())
 
 
 def at_stop(panel: StubPanel, method: str, **other: str) -> tuple[int, Headers]:
-    headers = {**OWN, "host": STOP_HOST, "x-rig-tab": "a", **other}
+    headers = {**OWN, "host": f"127.0.0.1:{STOP_PORT}", "x-rig-tab": "a", **other}
     answer = asked(panel.stop_app, method, "/stop", list(headers.items()), [b"{}"])
     return answer.status_code, answer.headers
 
 
 def test_the_port_of_stop_takes_a_stop_from_the_panel_s_own_page_only(panel: StubPanel) -> None:
-    status, headers = at_stop(panel, "POST")
-    assert (status, headers["access-control-allow-origin"]) == (200, HERE)
-    assert panel.owners[0].asked == [("stop", {})]
-    status, headers = at_stop(panel, "HEAD")
-    assert (status, headers["access-control-allow-origin"]) == (200, HERE)
+    for method in ("POST", "HEAD"):
+        status, headers = at_stop(panel, method)
+        assert (status, headers["access-control-allow-origin"]) == (200, HERE)
     for origin in (ELSEWHERE, "null", f"http://127.0.0.1:{STOP_PORT}", f"http://localhost:{PORT}"):
         for method in ("POST", "HEAD", "OPTIONS"):
             status, headers = at_stop(panel, method, origin=origin)
@@ -187,17 +169,14 @@ def test_the_port_of_stop_takes_a_stop_from_the_panel_s_own_page_only(panel: Stu
     assert at_stop(panel, "POST", host=f"127.0.0.1:{PORT}")[0] == 403
     status, headers = at_stop(panel, "POST", **{"x-rig-token": "another"})
     assert (status, headers["access-control-allow-origin"]) == (403, HERE), "its page may read why"
+    status, headers = at_stop(panel, "OPTIONS", **{"x-rig-token": ""})
+    assert (status, headers["access-control-allow-origin"]) == (204, HERE), "a browser asks once for all"
+    assert set(headers["access-control-allow-headers"].split(", ")) == {"content-type", "x-rig-tab", "x-rig-token"}
+    assert int(headers["access-control-max-age"]) >= 3600
     assert panel.owners[0].asked == [("stop", {})]
 
 
-def test_a_browser_may_ask_once_for_all_whether_its_page_may_stop(panel: StubPanel) -> None:
-    status, headers = at_stop(panel, "OPTIONS", **{"x-rig-token": ""})
-    assert (status, headers["access-control-allow-origin"]) == (204, HERE)
-    assert set(headers["access-control-allow-headers"].split(", ")) == {"content-type", "x-rig-tab", "x-rig-token"}
-    assert int(headers["access-control-max-age"]) >= 3600
-
-
-def test_what_is_no_request_is_not_answered(panel: StubPanel) -> None:
+def test_a_web_socket_is_not_answered(panel: StubPanel) -> None:
     said = list[object]()
 
     async def send(message: object) -> None:

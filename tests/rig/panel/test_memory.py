@@ -184,7 +184,7 @@ LOOKING_ON = [
 
 @pytest.mark.quick(rows=lambda looking_on: looking_on is not a_run_that_two_pages_see)
 @pytest.mark.parametrize("looking_on", LOOKING_ON, ids=lambda one: one.__name__.replace("_", " "))
-def test_hours_of_it_are_kept_no_longer_than_they_are_shown(
+def test_monitoring_for_hours_needs_no_more_memory(
     looking_on: Callable[[Path, Make, ExitStack], Step],
     tmp_path: Path,
     make: Make,
@@ -198,7 +198,7 @@ def test_hours_of_it_are_kept_no_longer_than_they_are_shown(
 
 
 @pytest.mark.parametrize("what", ["a run", "no run", "runs", "a journal", "a bench"])
-def test_a_look_at_which_nothing_is_new_needs_next_to_nothing(what: str, tmp_path: Path, make: Make) -> None:
+def test_a_poll_without_news_allocates_next_to_nothing(what: str, tmp_path: Path, make: Make) -> None:
     """Twenty times a second: a buffer of a megabyte, cut to what came, left the heap of its thread full of holes."""
     run = Run(tmp_path / "runs" / "run")
     for _ in range(5):

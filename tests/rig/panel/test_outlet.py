@@ -7,7 +7,6 @@ from typing import Any
 
 from rig.panel.stream import (
     MOST_ROWS,
-    MOST_STREAMS,
     SHOWN_S,
     Outlet,
     PageQueue,
@@ -38,7 +37,7 @@ def readings(outlet: Outlet, *seconds: float) -> None:
     outlet.add([[second, 10 * second] for second in seconds])
 
 
-def test_a_page_that_comes_is_told_what_there_is() -> None:
+def test_a_new_page_gets_the_present_state_and_readings() -> None:
     outlet = Outlet()
     outlet.publish("state", {"n": 1})
     outlet.publish("schedule", {"n": 2})
@@ -64,7 +63,7 @@ def test_a_page_that_comes_is_told_what_there_is() -> None:
     assert outlet.clients == []
 
 
-def test_of_what_is_shown_the_newest_waits_and_of_readings_all() -> None:
+def test_a_slow_page_gets_the_newest_state_and_all_readings() -> None:
     outlet = Outlet()
     with outlet.joined() as slow:
         slow.taken(0.0)
@@ -77,7 +76,7 @@ def test_of_what_is_shown_the_newest_waits_and_of_readings_all() -> None:
         assert [row[0] for row in found["readings"]["rows"]] == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
-def test_several_hundred_seconds_wait_for_a_page_then_the_oldest_are_dropped_and_counted() -> None:
+def test_readings_of_400_s_wait_for_a_page_then_the_oldest_are_dropped_and_counted() -> None:
     assert MOST_ROWS == 20_000
     outlet = Outlet()
     outlet.begin(RUN)
@@ -95,7 +94,7 @@ def test_several_hundred_seconds_wait_for_a_page_then_the_oldest_are_dropped_and
         assert rows_of(quick)["dropped"] == 0
 
 
-def test_a_page_that_comes_later_gets_the_last_minute() -> None:
+def test_a_new_page_gets_the_readings_of_the_last_minute() -> None:
     assert SHOWN_S == 60.0
     outlet = Outlet()
     outlet.begin(RUN)
@@ -106,16 +105,6 @@ def test_a_page_that_comes_later_gets_the_last_minute() -> None:
     readings(outlet, 90.1)
     with outlet.joined() as client:
         assert [row[0] for row in rows_of(client)["rows"]] == [60.0, 90.1]
-
-
-def test_four_pages_look_on() -> None:
-    assert MOST_STREAMS == 4
-    outlet = Outlet()
-    with outlet.joined(), outlet.joined(), outlet.joined():
-        assert outlet.full is False
-        with outlet.joined():
-            assert outlet.full is True
-        assert outlet.full is False
 
 
 # --- sent ---
@@ -156,7 +145,7 @@ def streaming(outlet: Outlet, page: Page) -> "asyncio.Task[None]":
     return asyncio.create_task(looks_on())
 
 
-def test_a_stream_says_what_comes_until_its_page_leaves() -> None:
+def test_a_stream_sends_events_until_its_page_leaves() -> None:
     async def told() -> None:
         outlet, page = Outlet(), Page()
         task = streaming(outlet, page)
@@ -174,7 +163,7 @@ def test_a_stream_says_what_comes_until_its_page_leaves() -> None:
     asyncio.run(told())
 
 
-def test_a_page_that_does_not_read_holds_up_nobody() -> None:
+def test_a_page_that_does_not_read_delays_no_other() -> None:
     async def told() -> None:
         outlet, stuck, other = Outlet(), Page(), Page()
         stuck.reads.clear()
@@ -200,7 +189,7 @@ def test_a_page_that_does_not_read_holds_up_nobody() -> None:
     asyncio.run(told())
 
 
-def test_streams_end_with_the_outlet() -> None:
+def test_streams_end_when_the_panel_ends() -> None:
     async def told() -> None:
         outlet, page = Outlet(), Page()
         task = streaming(outlet, page)

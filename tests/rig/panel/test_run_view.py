@@ -56,7 +56,7 @@ def told(run: Written) -> RunView:
     return seen
 
 
-def test_a_virtual_run_is_as_old_as_its_journal(tmp_path: Path) -> None:
+def test_the_events_of_a_virtual_run_have_the_time_when_they_were_written(tmp_path: Path) -> None:
     """Its clock goes as fast as it can, and says nothing of now."""
     run = Written(tmp_path / "run")
     run.doc("start", **START, virtual=True)
@@ -67,7 +67,7 @@ def test_a_virtual_run_is_as_old_as_its_journal(tmp_path: Path) -> None:
     assert seen.virtual is True
 
 
-def test_a_clock_that_is_ahead_makes_nothing_younger_than_its_journal(run: Written) -> None:
+def test_no_reading_is_younger_than_the_journal_that_holds_it(run: Written) -> None:
     run.doc("event", stream="sample", data=SAMPLE, unix_s=1e11)
     (*_, row) = RunView(run.path).look(NOW_S)
     assert row[0] == written_s(run.path)
@@ -104,7 +104,7 @@ def test_a_trip_is_told_at_once_and_then_as_the_terminal_words_the_ending(run: W
     assert (newest["height_mm"], newest["doi_mm"], newest["phase"]) == (-0.1, 0.1, None)
 
 
-def test_after_a_lift_the_depth_of_the_last_reading_is_gone(run: Written) -> None:
+def test_after_a_lift_no_depth_is_shown(run: Written) -> None:
     run.event("sample", **SAMPLE)
     assert told(run).newest_state(NOW_S)["doi_mm"] == 0.1
     run.event("retract", height_mm=2.0, contact="lifted", force_gwt=0.0)
@@ -119,7 +119,7 @@ def test_after_a_stop_the_finger_is_named_before_the_run_has_its_ending(run: Wri
     assert (found["status"], found["may_touch"], found["next_text"]) == ("aborted", True, FREE_THE_FINGER)
 
 
-def test_a_run_that_is_done_asks_for_no_attention(run: Written) -> None:
+def test_a_complete_run_gives_no_notice(run: Written) -> None:
     run.doc("stop", status="done")
     seen = told(run)
     assert seen.attention(going=False, stopped=False) is not None, "two presses are missing"
@@ -136,7 +136,7 @@ def test_a_run_that_is_done_asks_for_no_attention(run: Written) -> None:
     ],
     ids=["no journal", "another program's", "no configuration"],
 )
-def test_what_cannot_be_read_is_told_and_not_looked_at_again(spoil: Any, problem: str, run: Written) -> None:
+def test_a_journal_that_cannot_be_read_is_reported_and_not_read_again(spoil: Any, problem: str, run: Written) -> None:
     spoil(run)
     seen = told(run)
     assert problem in seen.problem
@@ -148,7 +148,7 @@ def test_what_cannot_be_read_is_told_and_not_looked_at_again(spoil: Any, problem
 # --- which run ---
 
 
-def test_the_run_that_goes_on_is_the_one_that_is_written_to(tmp_path: Path) -> None:
+def test_the_running_run_is_the_one_whose_journal_grows(tmp_path: Path) -> None:
     out = tmp_path / "runs"
     assert growing(out, 0.0) is None
     for name, then_s in (("20260101T000000-a-1", 100.0), ("20260102T000000-b-2", 98.0), (".20260103-c.part", 101.0)):
@@ -161,7 +161,9 @@ def test_the_run_that_goes_on_is_the_one_that_is_written_to(tmp_path: Path) -> N
     assert written_s(tmp_path / "none") == 0.0
 
 
-def test_a_silent_run_goes_on_while_somebody_holds_it(run: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_run_counts_as_running_while_its_process_holds_the_lock(
+    run: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked, holds = list[float](), [True]
 
     def busy(folder: RunFolder) -> bool:
@@ -190,7 +192,7 @@ def test_a_silent_run_goes_on_while_somebody_holds_it(run: Written, monkeypatch:
 
 
 @pytest.mark.parametrize("held", [True, False], ids=["held", "killed"])
-def test_a_run_whose_process_has_gone_is_over_before_its_journal_is_old(
+def test_a_run_whose_process_is_gone_has_ended_within_half_a_second(
     run: Written, monkeypatch: pytest.MonkeyPatch, held: bool
 ) -> None:
     monkeypatch.setattr(RunFolder, "busy", property(lambda folder: held))
@@ -204,7 +206,7 @@ def test_a_run_whose_process_has_gone_is_over_before_its_journal_is_old(
 # --- the bench ---
 
 
-def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
+def test_manual_control_shows_what_its_process_reports(tmp_path: Path) -> None:
     bench = BenchView(tmp_path / "rig.toml", Config())
     assert (bench.configured, bench.job, bench.since) == (True, Job(tmp_path / "rig.toml"), 0)
     assert bench.update(None) == []
@@ -239,11 +241,11 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
         found = bench.attention
         assert found is not None
         assert (found["status"], found["reason_text"], found["may_touch"]) == (status_word, "21 gwt", True)
-        assert found["next_text"] == f"free the finger; then {HOME_FIRST}"
+        assert found["next_text"].startswith("free the finger; then home")
     bench.begin(7)
     assert (bench.owner, bench.since, bench.newest_state(1.0)["force_gwt"]) == (7, 0, None)
 
 
-def test_no_bench_without_a_configuration() -> None:
+def test_without_a_configuration_there_is_no_manual_control() -> None:
     bench = BenchView()
     assert (bench.configured, bench.job, bench.limits_state(), bench.ports) == (False, None, None, ())

@@ -43,7 +43,7 @@ def config(tmp_path: Path) -> Path:
 # --- the finger ---
 
 
-def test_the_section_is_that_of_the_model_in_the_rig_s_frame(finger: Fingertip) -> None:
+def test_the_drawn_section_is_that_of_the_finger_model(finger: Fingertip) -> None:
     config, surface, apex_mm = finger.config, finger.surface, finger.apex_height_mm
     told = finger_outlines(config, surface, config.receptor_plane_mm, apex_mm)
     skin, bone = np.array(told["skin"]), np.array(told["bone"])
@@ -87,7 +87,7 @@ def height_at(shape: str, *places: float) -> list[float]:
         ("cylinder:4,across", (-8.0, 1.0), [0.0, 0.0]),
     ],
 )
-def test_every_shape_is_cut_through_its_reference_point(
+def test_every_indentor_is_drawn_in_the_section_through_its_reference_point(
     shape: str, places: tuple[float, ...], heights: list[float] | None
 ) -> None:
     found = height_at(shape, *places)
@@ -98,7 +98,7 @@ def test_every_shape_is_cut_through_its_reference_point(
         assert found == pytest.approx(heights, abs=2e-3)
 
 
-def test_shapes_of_one_s_own_are_cut_too(tmp_path: Path) -> None:
+def test_an_indentor_from_a_profile_or_an_image_is_drawn(tmp_path: Path) -> None:
     profile = tmp_path / "mine.csv"
     profile.write_text("x_mm,height_mm\n-1.0,0.3\n0.0,0.1\n1.0,0.0\n2.0,0.4\n", encoding="utf-8")
     assert height_at(f"profile:{profile},linear", 0.0, 1.5) == pytest.approx([0.1, 0.2], abs=2e-3)
@@ -114,7 +114,9 @@ def test_shapes_of_one_s_own_are_cut_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("target", "value"), [("doi_mm", 0.6), ("force_gwt", 2.33)])
-def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: float, finger: Fingertip) -> None:
+def test_the_predicted_curve_is_that_of_the_model_up_to_the_target(
+    target: str, value: float, finger: Fingertip
+) -> None:
     press = PressSummary(0, "data", 0.5, target, value)
     depths = depths_of(finger, parse_shape("bar:3.0"), press)
     assert len(depths) == DEPTHS
@@ -129,12 +131,12 @@ def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: flo
     np.testing.assert_allclose(each_mm, depths[-1]["doi_mm"] / DEPTHS, rtol=1e-9)
 
 
-def test_the_section_of_a_press_that_is_over_is_not_solved_further(finger: Fingertip) -> None:
+def test_no_depth_is_solved_for_a_press_that_is_over(finger: Fingertip) -> None:
     press = PressSummary(0, "data", 0.5, "doi_mm", 0.6)
     assert len(depths_of(finger, parse_shape("bar:3.0"), press, lambda: True)) == 1
 
 
-def test_a_press_beyond_the_model_has_no_curve_and_a_reason(config: Path) -> None:
+def test_a_press_beyond_the_model_is_drawn_without_a_curve_and_with_the_reason(config: Path) -> None:
     found = section_of(Job(config, None, "bar:3.0", 0.0, PressSummary(0, "data", 0.0, "doi_mm", 3.0)))
     assert "depths" not in found
     assert found["skin"]
@@ -144,7 +146,7 @@ def test_a_press_beyond_the_model_has_no_curve_and_a_reason(config: Path) -> Non
 # --- a drawing ---
 
 
-def test_a_drawing_along_the_finger_is_of_that_section(config: Path, finger: Fingertip) -> None:
+def test_a_press_along_the_finger_is_drawn_in_the_section_there(config: Path, finger: Fingertip) -> None:
     found = section_of(Job(config, None, None, 1.5))
     plane_mm, apex_mm = finger.config.receptor_plane_mm, finger.apex_height_mm
     assert found["skin"] == finger_outlines(finger.config, finger.surface, plane_mm + 1.5, apex_mm)["skin"]
@@ -152,7 +154,7 @@ def test_a_drawing_along_the_finger_is_of_that_section(config: Path, finger: Fin
     assert "depths" not in found
 
 
-def test_a_run_s_own_copies_are_what_is_read(config: Path, tmp_path: Path) -> None:
+def test_a_run_is_drawn_with_its_own_copies_of_the_shape_files(config: Path, tmp_path: Path) -> None:
     (tmp_path / copy_name("mine.csv")).write_text("x_mm,height_mm\n-1,0.5\n0,0\n1,0.5\n", encoding="utf-8")
     told = section_of(Job(config, tmp_path, "profile:mine.csv"))
     s, height = np.array(told["indentor"]).T
@@ -160,7 +162,7 @@ def test_a_run_s_own_copies_are_what_is_read(config: Path, tmp_path: Path) -> No
     assert list(section_of(Job(config, None, "profile:mine.csv"))) == ["problem", "code"]
 
 
-def test_a_configuration_that_changes_is_read_anew(config: Path) -> None:
+def test_the_drawing_follows_a_changed_configuration(config: Path) -> None:
     before = section_of(Job(config))["skin"]
     config.write_text("[finger.geometry]\nproximal_apex_mm = 3.5\n", encoding="utf-8")
     assert section_of(Job(config))["skin"] != before
@@ -174,7 +176,7 @@ def test_a_configuration_that_changes_is_read_anew(config: Path) -> None:
         (Job(Path("config.toml"), None, "bar:3.0", 0.0, PRESS), "runtime"),
     ],
 )
-def test_what_cannot_be_drawn_is_told(
+def test_a_section_that_cannot_be_drawn_names_its_problem(
     job: Job, code: str | None, config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(of: FingertipConfig) -> Fingertip:
@@ -195,7 +197,7 @@ def test_what_cannot_be_drawn_is_told(
 # --- what pages are told ---
 
 
-def test_pages_get_the_finger_first_and_then_the_press(config: Path) -> None:
+def test_a_page_gets_the_finger_before_the_predicted_press(config: Path) -> None:
     outlet, clock, press = Outlet(), VirtualClock(1000.0), replace(PRESS, value=0.2)
     asked = [Job(config, None, "bar:3.0", 0.0, press)]
     sections = Sections(lambda: asked[0], outlet, clock)

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from rig.control.client import ControlError
-from rig.manual.orders import HOME_FIRST
 from rig.panel.stream import NOTHING, PageQueue
 from rig.panel.watcher import Watcher
 from tests.rig.panel.stub_panel import StubOwner, StubPanel
@@ -49,7 +48,7 @@ def told(watcher: Watcher, client: PageQueue) -> dict[str, Any]:
     return dict(events(client.taken(0.0)))
 
 
-def test_how_the_participants_button_is_is_told_where_there_is_one(make: Make, tmp_path: Path) -> None:
+def test_the_state_of_the_participants_button_is_shown(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     status = {"ok": True, "state": "running", "stopped": False, "stop_button": "not pressed, tested"}
     watcher = make(StubOwner(run=str(run), answers={"status": status})).watcher
@@ -57,7 +56,7 @@ def test_how_the_participants_button_is_is_told_where_there_is_one(make: Make, t
         assert told(watcher, client)["state"]["owner"]["stop_button"] == "not pressed, tested"
 
 
-def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path) -> None:
+def test_the_run_of_an_owner_is_shown_wherever_its_folder_is(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "elsewhere" / "run", START, sample(1.5))
     owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running", "stopped": False}})
     watcher = make(owner).watcher
@@ -78,7 +77,7 @@ def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path)
         assert (found["state"]["run"]["name"], found["readings"]["reset"]) == ("other", True)
 
 
-def test_a_run_that_has_not_begun_is_no_run_and_one_that_ended_stays(make: Make, tmp_path: Path) -> None:
+def test_an_ended_run_is_shown_until_another_one_is_planned(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START, sample(1.5))
     owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
     panel = make(owner)
@@ -100,7 +99,7 @@ def test_a_run_that_has_not_begun_is_no_run_and_one_that_ended_stays(make: Make,
         assert watcher.job == watcher.bench.job
 
 
-def test_where_nobody_announces_a_run_the_one_that_grows_is_followed(make: Make) -> None:
+def test_without_an_owner_the_run_whose_journal_grows_is_shown(make: Make) -> None:
     panel = make()
     watcher, now_s = panel.watcher, panel.clock.unix_s()
     run = journal(watcher.out / "20260101-run", START, sample(1.5))
@@ -116,7 +115,7 @@ def test_where_nobody_announces_a_run_the_one_that_grows_is_followed(make: Make)
         assert told(watcher, client)["state"]["run"]["name"] == "20260102-other"
 
 
-def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Path) -> None:
+def test_an_announced_run_counts_as_running_however_silent_it_is(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     os.utime(run / "events.jsonl", (10.0, 10.0))
     panel = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "paused"}}))
@@ -128,7 +127,7 @@ def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Pat
         assert (state["run"]["state"], state["notice"]) == ("killed", None)
 
 
-def test_the_state_names_a_stop_and_an_owner_that_does_not_answer(make: Make) -> None:
+def test_the_page_names_a_stop_and_an_owner_that_does_not_answer(make: Make) -> None:
     panel = make()
     watcher = panel.watcher
     with watcher.outlet.joined() as client:
@@ -144,7 +143,7 @@ def test_the_state_names_a_stop_and_an_owner_that_does_not_answer(make: Make) ->
         assert (state["owner"], state["problem"]) == (None, "/run/rig: not yours")
 
 
-def test_a_process_by_hand_that_ended_by_itself_is_told_of(make: Make) -> None:
+def test_the_reason_why_manual_control_ended_by_itself_is_shown(make: Make) -> None:
     watcher = make().watcher
     with watcher.outlet.joined() as client:
         assert told(watcher, client)["state"]["notice"] is None
@@ -156,7 +155,7 @@ def _not_ours() -> list[StubOwner]:
     raise PermissionError(1, "not yours", "/run/rig")
 
 
-def test_controls_of_a_tab_that_has_left_are_free(make: Make) -> None:
+def test_a_tab_that_has_left_gives_control_back(make: Make) -> None:
     panel = make()
     with panel.watcher.outlet.joined() as client:
         panel.watcher.tabs.take("a", panel.clock.monotonic_s())
@@ -216,14 +215,3 @@ def test_a_dry_run_does_not_replace_the_notice_of_the_rig(
     look(watcher)
     state = watcher.state(0.0)
     assert (state["attention"], state["run"]["name"]) == (None, "newer")
-
-
-def test_the_notice_of_a_stop_under_manual_control_stays_after_its_end(make: Make) -> None:
-    status = {"ok": True, "next": HOME_FIRST, "stopped": True, "contact": {"may_touch": True}}
-    watcher = make(StubOwner(kind="by hand", answers={"status": status})).watcher
-    look(watcher)
-    notice = watcher.state(0.0)["attention"]
-    assert notice["status"] == "aborted"
-    watcher.find = list
-    look(watcher)
-    assert watcher.state(0.0)["attention"] == notice

@@ -90,7 +90,7 @@ def homed(begin: Callable[..., Owner], whole: tuple[ServedBench, Path]) -> tuple
     return owner, whole[1]
 
 
-def test_homed_moved_and_left_it_is_known_to_the_next(homed: tuple[Owner, Path], begin: Callable[..., Owner]) -> None:
+def test_the_position_is_known_to_the_next_session(homed: tuple[Owner, Path], begin: Callable[..., Owner]) -> None:
     owner, config = homed
     state = owner("status", since=0)
     assert (state["x_mm"], state["homed"], state["stopped"]) == (-1.0, True, False)
@@ -115,8 +115,8 @@ def test_homed_moved_and_left_it_is_known_to_the_next(homed: tuple[Owner, Path],
     assert '"did": "step x -1 mm"' in log[0].read_text("ascii")
 
 
-def test_a_stop_in_a_step_and_home_after_it(homed: tuple[Owner, Path]) -> None:
-    owner, _ = homed
+def test_a_stop_ends_a_step_and_only_homing_follows(homed: tuple[Owner, Path]) -> None:
+    owner, config = homed
     owner.stepping(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2)
     assert owner("stop")["stopped"]
     state = owner.done()
@@ -124,8 +124,12 @@ def test_a_stop_in_a_step_and_home_after_it(homed: tuple[Owner, Path]) -> None:
     assert state["x_mm"] > -6.0
     with raises(RefusedError, "stopped"):
         owner.step()
+    memory = BenchMemory(load_config(config))
+    end = until(lambda: memory.read().manual_end)
+    assert (end.status, end.reason) == ("aborted", state["ended_by"]), "on disk, for a panel that begins later"
     owner("home")
     assert owner.done()["stopped"] is False
+    assert memory.read().lifted_unix_s > end.unix_s
 
 
 def test_two_drives_on_a_bus_are_stopped_in_a_step(
@@ -181,7 +185,9 @@ def test_a_signal_in_a_step_leaves_that_step(
     assert at.x_mm >= -6.0 - 0.003
 
 
-def test_it_ends_with_its_parent(homed: tuple[Owner, Path], whole: tuple[ServedBench, Path]) -> None:
+def test_manual_control_ends_with_the_panel_process(
+    homed: tuple[Owner, Path], whole: tuple[ServedBench, Path]
+) -> None:
     owner, config = homed
     owner("leave")
     owner.end()
@@ -199,7 +205,9 @@ def test_it_ends_with_its_parent(homed: tuple[Owner, Path], whole: tuple[ServedB
         parent.communicate()
 
 
-def test_why_it_does_not_begin_is_one_line(rig_toml: Callable[..., Path], apart: tuple[str, str, Path]) -> None:
+def test_manual_control_that_does_not_begin_gives_one_line(
+    rig_toml: Callable[..., Path], apart: tuple[str, str, Path]
+) -> None:
     stage, _, config = apart
     for settings, says in ((rig_toml(stage), "use --without-force"), (config, "")):
         wire = open_port(stage, 115200) if not says else None

@@ -26,7 +26,9 @@ def hand(page: Stream, look: Any) -> dict[str, Any]:
     return page.until("state", lambda told: told["hand"] and look(told["hand"]))["hand"]
 
 
-def test_a_person_works_through_the_panel(apart: tuple[str, str, Path], serve: Serve) -> None:
+def test_a_person_homes_zeroes_steps_stops_and_leaves_through_the_panel(
+    apart: tuple[str, str, Path], serve: Serve
+) -> None:
     *_, config = apart
     panel = serve(config=config)
     with closing(Stream(panel)) as page:
@@ -68,7 +70,7 @@ def test_a_person_works_through_the_panel(apart: tuple[str, str, Path], serve: S
     until(lambda: announced() == [])
 
 
-def test_ports_that_are_not_there_are_told_of(rig_toml: Any, serve: Serve) -> None:
+def test_manual_control_names_a_missing_port(rig_toml: Any, serve: Serve) -> None:
     panel = serve(config=rig_toml("/dev/ttyNOWHERE6"))
     code, answer = post(panel, "/by_hand")
     assert code == 503

@@ -35,6 +35,7 @@ WRONG = {
 """What is no number, or no number that is understood there."""
 UNDERSTOOD = {
     ("sign", "negative"),
+    *(("press", what) for what in ("4 000 digits", "20 digits", "negative")),
     ("unix_s", "a float"),
     ("unix_s", "negative"),
     ("length of a piece", "20 digits"),  # hexadecimal, as the next one
@@ -82,6 +83,7 @@ NUMBERS: dict[str, Callable[..., bytes]] = {
     "content-length": _length,
     "length of a piece": _piece,
     **{key: _step(key) for key in ("sign", "by_mm", "unix_s")},
+    "press": lambda panel, *values: _posted(panel, "/stop", _object(*(("press", value) for value in values))),
 }
 """A request with these values of the number, by the name of the number."""
 TWICE = dict.fromkeys(NUMBERS, (b"1", b"2")) | {"length of a piece": (b"2", b"-2")}
@@ -116,15 +118,19 @@ def test_every_number_in_a_request_is_refused_in_one_line_unless_it_is_understoo
     assert post(panel, "/take")[0] == 200
 
 
-def test_every_number_in_a_request_is_walked() -> None:
+def test_these_are_all_numbers_in_requests() -> None:
     source = "".join(inspect.getsource(module) for module in (requests, run_files, access, app))
-    named = set(re.findall(r'\b(?:number|whole_of_text)\("([\w-]+)"', source))
-    assert named | {"sign", "length of a piece"} == set(NUMBERS)
+    named = set(re.findall(r'\bwhole_of_text\("([\w-]+)"', source))
+    fields = {
+        name
+        for kind in (requests.StepBody, requests.ZeroBody, requests.StopBody)
+        for name, field in kind.model_fields.items()
+        if name not in ("axis", "anyway")
+    }
+    assert named | fields | {"length of a piece"} == set(NUMBERS)
 
 
-def test_a_request_that_ends_before_its_length_is_no_error_of_the_panel(
-    serve: Serve, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_request_that_breaks_off_logs_no_error(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
     panel = serve()
     for more in (b"Content-Length: 100", b"Transfer-Encoding: chunked"):
         raw(panel, _request(panel, "POST /take", b"64\r\n{", more))
