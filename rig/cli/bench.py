@@ -10,7 +10,7 @@ from rich.live import Live
 
 from rig.bench.checks import PositionJson, StatusJson, in_one_line, look_and_contact, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
-from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption, option
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import WallClock
@@ -93,7 +93,7 @@ def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
 def zero(
     config: ConfigOption,
     anyway: Annotated[
-        bool, typer.Option("--anyway", help="Zero the sensor unchecked, even if a contact is detected.")
+        bool, option("Zero the sensor unchecked, even if a contact is detected.", name="--anyway")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -14,7 +14,7 @@ from rig.bench.real import open_bench
 from rig.cli.bench import live_line, manual_session
 from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
-from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption, option
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.request import takes
 from rig.cli.run import ask_at_the_bench
@@ -41,7 +41,7 @@ _READINGS, _FARTHEST_MM = 20, 1000.0
 # Beyond this limit a setting or a unit is wrong, not a calibration.
 _LARGEST_CORRECTION = 0.2
 
-ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="Validity of the calibration, in days.")]
+ValidDays = Annotated[int, option("Validity of the calibration, in days.", "N", min=1, max=3650)]
 
 
 CalibrationName = Literal["x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "force_scale", "compliance_mm_per_n"]
@@ -70,11 +70,9 @@ class StepsRequest:
     """Options of `rig calibrate steps`."""
 
     config: ConfigOption
-    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Axis to calibrate.")]
-    by_mm: Annotated[
-        float, typer.Option(metavar="D", help="Signed distance to move, in mm; nonzero, up to 1000 either way.")
-    ] = -20.0
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10, help="Speed of the axis, in mm/s.")] = 2.0
+    axis: Annotated[str, option("Axis to calibrate.", "x|y|z")]
+    by_mm: Annotated[float, option("Signed distance to move, in mm; nonzero, up to 1000 either way.", "D")] = -20.0
+    speed_mm_s: Annotated[float, option("Speed of the axis, in mm/s.", "V", min=0.1, max=10)] = 2.0
     valid_days: ValidDays = 365
     without_force: WithoutForceOption = False
     as_json: JsonOption = False
@@ -105,7 +103,7 @@ def steps(request: StepsRequest) -> None:
 
 def force(
     config: ConfigOption,
-    mass_g: Annotated[float, typer.Option(metavar="M", min=0.1, max=500, help="Known mass on the sensor, in g.")],
+    mass_g: Annotated[float, option("Known mass on the sensor, in g.", "M", min=0.1, max=500)],
     valid_days: ValidDays = 180,
     as_json: JsonOption = False,
 ) -> None:
@@ -126,9 +124,7 @@ def force(
 
 def compliance(
     config: ConfigOption,
-    to_gwt: Annotated[
-        float, typer.Option(metavar="F", min=10, max=200, help="Largest force on the block, in gwt.")
-    ] = 100.0,
+    to_gwt: Annotated[float, option("Largest force on the block, in gwt.", "F", min=10, max=200)] = 100.0,
     valid_days: ValidDays = 365,
     as_json: JsonOption = False,
 ) -> None:

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
-from rig.cli.options import bounded
+from rig.cli.options import bounded, option
 from rig.cli.request import Needs
 from rig.errors import BadInputError
 from rig.printable import either
@@ -24,44 +23,20 @@ from sim.tables import TableError
 INPUT, SAMPLING, NOISE = "Input", "Sampling", "Noise and receptor"
 """Panels of options."""
 
-AcrossOption = Annotated[
-    float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT)
-]
-DoiOption = Annotated[
-    float | None,
-    typer.Option(metavar="D", help="DOI, in mm. Default: none; --shape needs it.", rich_help_panel=INPUT),
-]
-SeedOption = Annotated[
-    int, typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE)
-]
-SpacingOption = Annotated[
-    float, typer.Option(metavar="MM", help="Spacing of the samples, 0.05 to 0.5 mm.", rich_help_panel=SAMPLING)
-]
-HalfLengthOption = Annotated[
-    int, typer.Option(metavar="N", help="Number of samples on each side, 4 to 100.", rich_help_panel=SAMPLING)
-]
-DepthOption = Annotated[
-    float, typer.Option(metavar="MM", help="Receptor depth below skin, 0.1 to 3 mm.", rich_help_panel=SAMPLING)
-]
+AcrossOption = Annotated[float, option("x of the indentor from the pad center, in mm.", "X", INPUT)]
+DoiOption = Annotated[float | None, option("DOI, in mm. Default: none; --shape needs it.", "D", INPUT)]
+SeedOption = Annotated[int, option("Seed of the random generator, 0 to 2^32.", "N", NOISE)]
+SpacingOption = Annotated[float, option("Spacing of the samples, 0.05 to 0.5 mm.", "MM", SAMPLING)]
+HalfLengthOption = Annotated[int, option("Number of samples on each side, 4 to 100.", "N", SAMPLING)]
+DepthOption = Annotated[float, option("Receptor depth below skin, 0.1 to 3 mm.", "MM", SAMPLING)]
 EnergyOption = Annotated[
     str,
-    typer.Option(
-        metavar="E",
-        help="Strain energy density (SED): incompressible (source, Eq. 6.1) or finite (compressible).",
-        rich_help_panel=SAMPLING,
-    ),
+    option("Strain energy density (SED): incompressible (source, Eq. 6.1) or finite (compressible).", "E", SAMPLING),
 ]
 SnrOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DB",
-        help="Signal-to-noise ratio of added noise, -40 to 100 dB. Default: no noise.",
-        rich_help_panel=NOISE,
-    ),
+    float | None, option("Signal-to-noise ratio of added noise, -40 to 100 dB. Default: no noise.", "DB", NOISE)
 ]
-NoisePlaceOption = Annotated[
-    str, typer.Option(metavar="AT", help="Add noise to: receptor (SED) or output (rate).", rich_help_panel=NOISE)
-]
+NoisePlaceOption = Annotated[str, option("Add noise to: receptor (SED) or output (rate).", "AT", NOISE)]
 
 
 _Word = TypeVar("_Word", bound=str)

@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
-from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers
+from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers, option
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
@@ -63,107 +63,58 @@ class CompareRequest:
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")
     ] = None
-    example: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Shipped recording to rehearse: bar3.", rich_help_panel=_RECORDING),
-    ] = None
+    example: Annotated[str | None, option("Shipped recording to rehearse: bar3.", "NAME", _RECORDING)] = None
     recorded: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="SHAPE=FILE",
-            help="Recording (may be repeated), or a table or folder of several afferents.",
-            rich_help_panel=_RECORDING,
-        ),
+        option("Recording (may be repeated), or a table or folder of several afferents.", "SHAPE=FILE", _RECORDING),
     ] = None
     columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ROLE=COLUMN",
-            help="Columns of the recordings, e.g. position=x:um,rate=FR.",
-            rich_help_panel=_RECORDING,
-        ),
+        list[str] | None, option("Columns of the recordings, e.g. position=x:um,rate=FR.", "ROLE=COLUMN", _RECORDING)
     ] = None
-    mirror: Annotated[
-        list[str] | None,
-        typer.Option(metavar="SHAPE", help="Indentor whose positions to negate.", rich_help_panel=_RECORDING),
-    ] = None
+    mirror: Annotated[list[str] | None, option("Indentor whose positions to negate.", "SHAPE", _RECORDING)] = None
     normalize: Annotated[
-        bool,
-        typer.Option("--normalize", help="Divide rates by the largest of their family.", rich_help_panel=_RECORDING),
+        bool, option("Divide rates by the largest of their family.", panel=_RECORDING, name="--normalize")
     ] = False
     window_s: Annotated[
-        str,
-        typer.Option(
-            metavar="A,B",
-            help="Window in which spikes count: BEGIN,END, in s from the start of the hold.",
-            rich_help_panel=_RECORDING,
-        ),
+        str, option("Window in which spikes count: BEGIN,END, in s from the start of the hold.", "A,B", _RECORDING)
     ] = "0,1"
-    field_centre_mm: Annotated[
-        float,
-        typer.Option(metavar="X", help="x of the receptive field for spikes, in mm.", rich_help_panel=_RECORDING),
-    ] = 0.0
+    field_centre_mm: Annotated[float, option("x of the receptive field for spikes, in mm.", "X", _RECORDING)] = 0.0
     deflection: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV", help="Measured skin deflection (docs/comparison.md).", rich_help_panel=_RECORDING
-        ),
+        Path | None, option("Measured skin deflection (docs/comparison.md).", "CSV", _RECORDING)
     ] = None
-    receptor_x_mm: Annotated[
-        str | None,
-        typer.Option(metavar="X,X…", help="Receptor x, in mm. Default: ten receptors.", rich_help_panel=_RECEPTORS),
-    ] = None
-    receptor_depth_mm: Annotated[
-        float,
-        typer.Option(metavar="D", help="Depth of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS),
-    ] = DEFAULT_DEPTH_MM
-    fingers: Annotated[
-        Path | None,
-        typer.Option(metavar="TOML", help="Ranges of the finger (docs/comparison.md).", rich_help_panel=_MODEL),
-    ] = None
+    receptor_x_mm: Annotated[str | None, option("Receptor x, in mm. Default: ten receptors.", "X,X…", _RECEPTORS)] = (
+        None
+    )
+    receptor_depth_mm: Annotated[float, option("Depth of the receptors below the skin, in mm.", "D", _RECEPTORS)] = (
+        DEFAULT_DEPTH_MM
+    )
+    fingers: Annotated[Path | None, option("Ranges of the finger (docs/comparison.md).", "TOML", _MODEL)] = None
     saturating: Annotated[
-        bool,
-        typer.Option("--saturating", help="Fit rates that saturate, with a third parameter.", rich_help_panel=_MODEL),
+        bool, option("Fit rates that saturate, with a third parameter.", panel=_MODEL, name="--saturating")
     ] = False
     silent_at_rest: Annotated[
-        bool, typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL)
+        bool, option("Constrain the fit to k > 0 and ε₀ ≥ 0.", panel=_MODEL, name="--silent-at-rest")
     ] = False
-    friction: Annotated[
-        float,
-        typer.Option(
-            metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_MODEL, show_default=False
-        ),
-    ] = 0.0
+    friction: Annotated[float, option("Friction coefficient. Default: 0.", "MU", _MODEL, show_default=False)] = 0.0
     place: Annotated[
-        bool,
-        typer.Option(
-            "--place", help="Fit the receptor location too: x and depth with intervals.", rich_help_panel=_RECEPTORS
-        ),
+        bool, option("Fit the receptor location too: x and depth with intervals.", panel=_RECEPTORS, name="--place")
     ] = False
     depth_range_mm: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW,HIGH",
-            help="Depths below the skin that --place searches, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
-            rich_help_panel=_RECEPTORS,
+        option(
+            "Depths below the skin that --place searches, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
+            "LOW,HIGH",
+            _RECEPTORS,
         ),
     ] = None
     offset_mm: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW,HIGH",
-            help="Offset range of the field center to fit with --place, in mm. Default: no offset.",
-            rich_help_panel=_RECEPTORS,
+        option(
+            "Offset range of the field center to fit with --place, in mm. Default: no offset.", "LOW,HIGH", _RECEPTORS
         ),
     ] = None
     out_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="HTML",
-            help="Report. Default: comparison.html in the first run.",
-            rich_help_panel=_OUTPUT,
-        ),
+        Path | None, option("Report. Default: comparison.html in the first run.", "HTML", _OUTPUT, name="--out")
     ] = None
     exact: ExactOption = False
     as_json: JsonOption = False

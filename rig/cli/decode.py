@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
@@ -39,6 +38,7 @@ from rig.cli.options import (
     bounded,
     checked_picture,
     numbers,
+    option,
     write_picture,
 )
 from rig.cli.output import busy, one_line_errors, out, print_json
@@ -365,86 +365,58 @@ class DecodeRequest:
 
     pressure: Annotated[
         str | None,
-        typer.Option(
-            metavar="P",
-            help="Pressures to encode first, in pseudo-units: 20,14, or a CSV (column pressure).",
-            rich_help_panel=INPUT,
-        ),
+        option("Pressures to encode first, in pseudo-units: 20,14, or a CSV (column pressure).", "P", INPUT),
     ] = None
-    shape: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.", rich_help_panel=INPUT),
-    ] = None
+    shape: Annotated[str | None, option("Indentor along the finger, as in rig indent.", "S", INPUT)] = None
     readings: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            help="Receptor readings with locations, depths and noise (docs/coding.md).",
-            rich_help_panel=INPUT,
-        ),
+        Path | None, option("Receptor readings with locations, depths and noise (docs/coding.md).", "FILE.csv", INPUT)
     ] = None
     axial: Annotated[
         str | None,
-        typer.Option(
-            metavar="A",
-            help="Contact along the finger, with --readings: ellipse:HALF-LENGTH in mm, 0.3 to 10; ellipse fits it.",
-            rich_help_panel=INPUT,
+        option(
+            "Contact along the finger, with --readings: ellipse:HALF-LENGTH in mm, 0.3 to 10; ellipse fits it.",
+            "A",
+            INPUT,
         ),
     ] = None
     x_mm: AcrossOption = 0.0
     doi_mm: DoiOption = None
-    decoder: Annotated[
-        str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
-    ] = "bayes"
+    decoder: Annotated[str, option(f"Decoder: {', '.join(DECODERS)}.", "NAME", _DECODER)] = "bayes"
     operator: Annotated[
         str | None,
-        typer.Option(
-            metavar="O",
-            help=f"Operator: {' or '.join(OPERATORS)}. Default: convolution with --pressure, else influence.",
-            rich_help_panel=_DECODER,
+        option(
+            f"Operator: {' or '.join(OPERATORS)}. Default: convolution with --pressure, else influence.",
+            "O",
+            _DECODER,
         ),
     ] = None
     energy: EnergyOption = "finite"
     snr_db: SnrOption = None
     noise: NoisePlaceOption = "receptor"
-    gain: Annotated[
-        str | None,
-        typer.Option(
-            metavar="K", help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.", rich_help_panel=NOISE
-        ),
-    ] = None
+    gain: Annotated[str | None, option("Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.", "K", NOISE)] = (
+        None
+    )
     threshold: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S0",
-            help="Threshold S₀ of SED, in pseudo-units, e.g. 1.5±0.2. Default: no receptor.",
-            rich_help_panel=NOISE,
-        ),
+        str | None, option("Threshold S₀ of SED, in pseudo-units, e.g. 1.5±0.2. Default: no receptor.", "S0", NOISE)
     ] = None
     start: Annotated[
         str | None,
-        typer.Option(
-            metavar="P",
-            help="Starting pressures for univariate and grid, e.g. 10,10. Default: best uniform pressure.",
-            rich_help_panel=_DECODER,
+        option(
+            "Starting pressures for univariate and grid, e.g. 10,10. Default: best uniform pressure.", "P", _DECODER
         ),
     ] = None
     within: Annotated[
         str | None,
-        typer.Option(
-            "--range",
-            metavar="LOW,HIGH",
-            help="Pressure range, in pseudo-units, not for bayes. Default: set by the readings.",
-            rich_help_panel=_DECODER,
+        option(
+            "Pressure range, in pseudo-units, not for bayes. Default: set by the readings.",
+            "LOW,HIGH",
+            _DECODER,
+            name="--range",
         ),
     ] = None
     grid_step: Annotated[
         float | None,
-        typer.Option(
-            metavar="P",
-            help="Grid spacing for the grid decoder, in pseudo-units. Default: range / 30.",
-            rich_help_panel=_DECODER,
-        ),
+        option("Grid spacing for the grid decoder, in pseudo-units. Default: range / 30.", "P", _DECODER),
     ] = None
     seed: SeedOption = 0
     spacing_mm: SpacingOption = SPACING_MM

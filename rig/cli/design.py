@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
-import typer
-
 from rig.cli.options import (
     HTML,
     FingerConfigOption,
@@ -17,6 +15,7 @@ from rig.cli.options import (
     bounded,
     checked_file,
     numbers,
+    option,
 )
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
@@ -88,66 +87,36 @@ class SessionJson(Output):
 class DesignOptions:
     """Arguments and options of `rig design`."""
 
-    candidates: Annotated[
-        str | None, typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures.")
-    ] = None
-    shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3"
-    minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0
-    depths_mm: Annotated[
-        str | None, typer.Option(metavar="D,D", help="Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.")
-    ] = None
-    forces_gwt: Annotated[
-        str | None, typer.Option(metavar="F,F", help="Forces to choose from, in gwt, instead of depths.")
-    ] = None
+    candidates: Annotated[str | None, option("Candidate measures or controls. Default: the 18 measures.", "M,M")] = (
+        None
+    )
+    shapes: Annotated[str, option("Indentors on the bench.", "S,S")] = "step:1,bar:3.0,cylinder:3"
+    minutes: Annotated[float, option("Duration of the session, in min, 1 to 240.", "MIN")] = 20.0
+    depths_mm: Annotated[str | None, option("Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.", "D,D")] = None
+    forces_gwt: Annotated[str | None, option("Forces to choose from, in gwt, instead of depths.", "F,F")] = None
     config: FingerConfigOption = None
     finger_file: FingerFileOption = None
     force: ForceFingerOption = False
-    fingers: Annotated[Path | None, typer.Option(metavar="TOML", help="Plausible fingers, as in rig compare.")] = None
-    to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py")
+    fingers: Annotated[Path | None, option("Plausible fingers, as in rig compare.", "TOML")] = None
+    to: Annotated[Path, option("Protocol script to write.", "PY")] = Path("designed.py")
     out_file: Annotated[
-        Path | None, typer.Option("--out", metavar="HTML", help="HTML page to write. Default: beside the script.")
+        Path | None, option("HTML page to write. Default: beside the script.", "HTML", name="--out")
     ] = None
     counts: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", help="Spike counts of the session to evaluate, instead of designing one."),
+        Path | None, option("Spike counts of the session to evaluate, instead of designing one.", "CSV")
     ] = None
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1
-    quick: Annotated[bool, typer.Option("--quick", help="Use a coarser search, which takes a sixth of the time.")] = (
-        False
-    )
-    power: Annotated[bool, typer.Option("--power", help="Print how many fibers reach 80 % power.")] = False
-    rate_per_s: Annotated[
-        str,
-        typer.Option(metavar="LOW,HIGH", help="Rate at the strongest press, in spikes/s.", rich_help_panel=_FIBER),
-    ] = "20,100"
-    threshold: Annotated[
-        str,
-        typer.Option(
-            metavar="LOW,HIGH", help="Threshold ε₀, in % of ε at the strongest press.", rich_help_panel=_FIBER
-        ),
-    ] = "0,50"
-    receptor_x_mm: Annotated[
-        str, typer.Option(metavar="LOW,HIGH", help="Receptor x, in mm.", rich_help_panel=_FIBER)
-    ] = "-0.5,0.5"
-    receptor_below_mm: Annotated[
-        str, typer.Option(metavar="LOW,HIGH", help="Depth below the epidermis, in mm.", rich_help_panel=_FIBER)
-    ] = "0.1,0.7"
-    dispersion: Annotated[
-        str, typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER)
-    ] = "1.5"
-    drift: Annotated[
-        float,
-        typer.Option(metavar="PERCENT", help="Drift of the gain in ten minutes, sd in %.", rich_help_panel=_FIBER),
-    ] = 10.0
-    hold_s: Annotated[
-        float, typer.Option(metavar="S", help="Hold, in which spikes are counted, in s.", rich_help_panel=_TIME)
-    ] = 1.0
-    rest_s: Annotated[
-        float, typer.Option(metavar="S", help="Rest after each press, the washout, in s.", rich_help_panel=_TIME)
-    ] = 2.0
-    change_s: Annotated[
-        float, typer.Option(metavar="S", help="Time to change the indentor, in s.", rich_help_panel=_TIME)
-    ] = 60.0
+    seed: Annotated[int, option("Seed of the choice and the order.", "N", min=0)] = 1
+    quick: Annotated[bool, option("Use a coarser search, which takes a sixth of the time.", name="--quick")] = False
+    power: Annotated[bool, option("Print how many fibers reach 80 % power.", name="--power")] = False
+    rate_per_s: Annotated[str, option("Rate at the strongest press, in spikes/s.", "LOW,HIGH", _FIBER)] = "20,100"
+    threshold: Annotated[str, option("Threshold ε₀, in % of ε at the strongest press.", "LOW,HIGH", _FIBER)] = "0,50"
+    receptor_x_mm: Annotated[str, option("Receptor x, in mm.", "LOW,HIGH", _FIBER)] = "-0.5,0.5"
+    receptor_below_mm: Annotated[str, option("Depth below the epidermis, in mm.", "LOW,HIGH", _FIBER)] = "0.1,0.7"
+    dispersion: Annotated[str, option("Variance of counts over Poisson's.", "LOW,HIGH", _FIBER)] = "1.5"
+    drift: Annotated[float, option("Drift of the gain in ten minutes, sd in %.", "PERCENT", _FIBER)] = 10.0
+    hold_s: Annotated[float, option("Hold, in which spikes are counted, in s.", "S", _TIME)] = 1.0
+    rest_s: Annotated[float, option("Rest after each press, the washout, in s.", "S", _TIME)] = 2.0
+    change_s: Annotated[float, option("Time to change the indentor, in s.", "S", _TIME)] = 60.0
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (Excludes("--depths-mm", ("--forces-gwt",)),)

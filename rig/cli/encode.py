@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
@@ -30,7 +29,15 @@ from rig.cli.coding_options import (
     pressures_of,
     sampling_of,
 )
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, bounded, checked_picture, write_picture
+from rig.cli.options import (
+    FingertipOption,
+    JsonOption,
+    PictureOption,
+    bounded,
+    checked_picture,
+    option,
+    write_picture,
+)
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
 from rig.cli.request import ExactlyOne, Rule, refuse, takes
 from rig.plan.config import load_config
@@ -223,45 +230,24 @@ class EncodeRequest:
     """Arguments and options of `rig encode`."""
 
     pressure: Annotated[
-        str | None,
-        typer.Option(
-            metavar="P",
-            help="Skin pressures in pseudo-units: 20,14, or a CSV with a column pressure.",
-            rich_help_panel=INPUT,
-        ),
+        str | None, option("Skin pressures in pseudo-units: 20,14, or a CSV with a column pressure.", "P", INPUT)
     ] = None
     shape: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="Indentor that lies along the finger, as in rig indent, e.g. bar:3.0.",
-            rich_help_panel=INPUT,
-        ),
+        str | None, option("Indentor that lies along the finger, as in rig indent, e.g. bar:3.0.", "S", INPUT)
     ] = None
     x_mm: AcrossOption = 0.0
     doi_mm: DoiOption = None
     operator: Annotated[
         str,
-        typer.Option(
-            metavar="O",
-            help=f"Operator from pressure to strain energy density (SED): {' or '.join(OPERATORS)}.",
-            rich_help_panel=SAMPLING,
-        ),
+        option(f"Operator from pressure to strain energy density (SED): {' or '.join(OPERATORS)}.", "O", SAMPLING),
     ] = "convolution"
     energy: EnergyOption = "finite"
     snr_db: SnrOption = None
     noise: NoisePlaceOption = "receptor"
-    gain: Annotated[
-        float,
-        typer.Option(metavar="K", help="Gain k, rate = k (SED − threshold), per unit of SED.", rich_help_panel=NOISE),
-    ] = 1.0
+    gain: Annotated[float, option("Gain k, rate = k (SED − threshold), per unit of SED.", "K", NOISE)] = 1.0
     threshold: Annotated[
         float | None,
-        typer.Option(
-            metavar="S0",
-            help="Threshold S₀ of the receptor, in pseudo-units of SED. Default: no receptor.",
-            rich_help_panel=NOISE,
-        ),
+        option("Threshold S₀ of the receptor, in pseudo-units of SED. Default: no receptor.", "S0", NOISE),
     ] = None
     seed: SeedOption = 0
     spacing_mm: SpacingOption = SPACING_MM
@@ -490,14 +476,9 @@ _LINE_EVERY = 1000  # receptors between two lines without a spinner
 class ShiftInvarianceRequest:
     """Options of `rig shift-invariance`."""
 
-    force_gwt: Annotated[
-        float, typer.Option(metavar="F", help="Force of each point load, 0.001 to 100 gwt.", rich_help_panel=SAMPLING)
-    ] = 1.0
+    force_gwt: Annotated[float, option("Force of each point load, 0.001 to 100 gwt.", "F", SAMPLING)] = 1.0
     half_width_mm: Annotated[
-        float,
-        typer.Option(
-            metavar="MM", help="Half-width of the area around each site, 0.5 to 4 mm.", rich_help_panel=SAMPLING
-        ),
+        float, option("Half-width of the area around each site, 0.5 to 4 mm.", "MM", SAMPLING)
     ] = HALF_WIDTH_MM
     spacing_mm: SpacingOption = SITE_SPACING_MM
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated, Literal, NotRequired
 
 import numpy as np
-import typer
 
-from rig.cli.options import FingertipOption, JsonOption, checked_file
+from rig.cli.options import FingertipOption, JsonOption, checked_file, option
 from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.request import takes
 from rig.errors import BadInputError
@@ -84,7 +83,7 @@ class FingerJson(MeshJson):
 
 def finger_command(
     config: FingertipOption = None,
-    vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh to a new VTK file.")] = None,
+    vtk: Annotated[Path | None, option("Write the mesh to a new VTK file.", "FILE.vtk")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print fit, apex, layers and mesh quality; reject a finger without a valid mesh."""
@@ -227,13 +226,11 @@ def _doubts(found: FingerJson, config: FingertipConfig) -> Iterator[str]:
 class ExportDeckRequest:
     """Options of `rig export-deck`."""
 
-    shape: Annotated[str, typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.")]
-    x_mm: Annotated[float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.")]
-    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth of indentation (DOI), in mm.")]
-    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="CalculiX deck to write, a new file.")]
-    loads: Annotated[bool, typer.Option("--loads", help="Write the contact forces as loads instead of contact.")] = (
-        False
-    )
+    shape: Annotated[str, option("Indentor along the finger, as in rig indent.", "S")]
+    x_mm: Annotated[float, option("x of the indentor from the pad center, in mm.", "X")]
+    doi_mm: Annotated[float, option("Depth of indentation (DOI), in mm.", "D")]
+    out_file: Annotated[Path, option("CalculiX deck to write, a new file.", "FILE.inp", name="--out")]
+    loads: Annotated[bool, option("Write the contact forces as loads instead of contact.", name="--loads")] = False
     config: FingertipOption = None
 
 

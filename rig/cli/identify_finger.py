@@ -21,6 +21,7 @@ from rig.cli.options import (
     YesOption,
     bounded,
     checked_file,
+    option,
 )
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
@@ -389,34 +390,19 @@ class IdentifyRequest:
     ] = None
     more: MoreArgument = None
     config: FingerConfigOption = None
-    dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False
-    to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml")
+    dry: Annotated[bool, option("Use virtual devices and the configured finger.", name="--dry-run")] = False
+    to: Annotated[Path, option("Finger file to write.", "TOML")] = Path("finger.toml")
     width: Annotated[
         float,
-        typer.Option(
-            metavar="PERCENT",
-            help="Stop when the 90 % bands of all forces are within ± this value, 1 to 50 %.",
-            rich_help_panel=_PRESSES,
-        ),
+        option("Stop when the 90 % bands of all forces are within ± this value, 1 to 50 %.", "PERCENT", _PRESSES),
     ] = 8.0
-    presses: Annotated[
-        int, typer.Option(metavar="N", min=1, max=8, help="Maximum number of presses.", rich_help_panel=_PRESSES)
-    ] = 8
+    presses: Annotated[int, option("Maximum number of presses.", "N", _PRESSES, min=1, max=8)] = 8
     most_gwt: Annotated[
         float,
-        typer.Option(
-            metavar="GWT",
-            help="Do not press where the predicted force is larger, 1 gwt to limits.max_force_gwt.",
-            rich_help_panel=_PRESSES,
-        ),
+        option("Do not press where the predicted force is larger, 1 gwt to limits.max_force_gwt.", "GWT", _PRESSES),
     ] = 20.0
     shapes: Annotated[
-        str,
-        typer.Option(
-            metavar="S,S",
-            help="Indentors that you can mount, separated by commas, e.g. sphere:r=2,bar:3.",
-            rich_help_panel=_PRESSES,
-        ),
+        str, option("Indentors that you can mount, separated by commas, e.g. sphere:r=2,bar:3.", "S,S", _PRESSES)
     ] = ",".join(SHAPES)
     out_dir: OutOption = Path("runs")
     subject: SubjectOption = None

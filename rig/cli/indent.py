@@ -18,6 +18,7 @@ from rig.cli.options import (
     bounded,
     checked_picture,
     numbers,
+    option,
     write_picture,
 )
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
@@ -250,115 +251,60 @@ _SAME = 1e-8
 class IndentRequest:
     """Arguments and options of `rig indent`."""
 
-    shape: Annotated[str, typer.Option(metavar="S", help=f"Indentor: {EXPECTED}; or point.", rich_help_panel=_PRESS)]
+    shape: Annotated[str, option(f"Indentor: {EXPECTED}; or point.", "S", _PRESS)]
     x_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="X", help="x of the indentor from the pad center, in mm. Default: 0.", rich_help_panel=_PRESS
-        ),
+        float | None, option("x of the indentor from the pad center, in mm. Default: 0.", "X", _PRESS)
     ] = None
     doi_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D", help="Depth of indentation (DOI), in mm. Give this or --force-gwt.", rich_help_panel=_PRESS
-        ),
+        float | None, option("Depth of indentation (DOI), in mm. Give this or --force-gwt.", "D", _PRESS)
     ] = None
     force_gwt: Annotated[
-        float | None,
-        typer.Option(
-            metavar="F", help="Force to reach, in gwt (gram-weight). Give this or --doi-mm.", rich_help_panel=_PRESS
-        ),
+        float | None, option("Force to reach, in gwt (gram-weight). Give this or --doi-mm.", "F", _PRESS)
     ] = None
     z_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="Z",
-            help="z along the finger, in mm, for line, round shapes and point. Default: the receptor plane.",
-            rich_help_panel=_PRESS,
+        option(
+            "z along the finger, in mm, for line, round shapes and point. Default: the receptor plane.", "Z", _PRESS
         ),
     ] = None
-    model: Annotated[
-        str,
-        typer.Option(metavar="M", help=f"Model: {', '.join(reversed(MODELS))} or auto.", rich_help_panel=_MODEL),
-    ] = "finger"
+    model: Annotated[str, option(f"Model: {', '.join(reversed(MODELS))} or auto.", "M", _MODEL)] = "finger"
     tolerance: Annotated[
         str | None,
-        typer.Option(
-            "--tol",
-            metavar="T",
-            help=f"Relative error that auto allows, e.g. 0.02. Default: {TOLERANCE}.",
-            rich_help_panel=_MODEL,
-        ),
+        option(f"Relative error that auto allows, e.g. 0.02. Default: {TOLERANCE}.", "T", _MODEL, name="--tol"),
     ] = None
     quantity: Annotated[
         str | None,
-        typer.Option(
-            metavar="Q,Q…",
-            help=f"Quantities that auto holds to --tol: {', '.join(QUANTITIES)}. Default: {QUANTITY}.",
-            rich_help_panel=_MODEL,
-        ),
+        option(f"Quantities that auto holds to --tol: {', '.join(QUANTITIES)}. Default: {QUANTITY}.", "Q,Q…", _MODEL),
     ] = None
     length_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="L",
-            help="Length that multiplies the force per mm of a section, up to 50 mm. Default: force in N/mm.",
-            rich_help_panel=_MODEL,
+        option(
+            "Length that multiplies the force per mm of a section, up to 50 mm. Default: force in N/mm.", "L", _MODEL
         ),
     ] = None
     receptor_x_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,X…",
-            help="Receptor x, in mm, also FROM:TO:STEP. Default: ten receptors.",
-            rich_help_panel=_RECEPTORS,
-        ),
+        str | None, option("Receptor x, in mm, also FROM:TO:STEP. Default: ten receptors.", "X,X…", _RECEPTORS)
     ] = None
     receptor_depth_mm: Annotated[
-        str,
-        typer.Option(
-            metavar="D,D…", help="Depths of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS
-        ),
+        str, option("Depths of the receptors below the skin, in mm.", "D,D…", _RECEPTORS)
     ] = f"{DEFAULT_DEPTH_MM:g}"
     receptor_z_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="Z,Z…",
-            help="Receptor z along the finger, in mm. Default: the receptor plane.",
-            rich_help_panel=_RECEPTORS,
-        ),
+        str | None, option("Receptor z along the finger, in mm. Default: the receptor plane.", "Z,Z…", _RECEPTORS)
     ] = None
-    reference: Annotated[
-        str,
-        typer.Option(metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS),
-    ] = "contact"
-    friction: Annotated[
-        float,
-        typer.Option(
-            metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_PRESS, show_default=False
-        ),
-    ] = 0.0
+    reference: Annotated[str, option("Zero of DOI: first contact or the apex.", "contact|apex", _PRESS)] = "contact"
+    friction: Annotated[float, option("Friction coefficient. Default: 0.", "MU", _PRESS, show_default=False)] = 0.0
     config: FingertipOption = None
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.svg", help="Plot the contact to a new .svg or .png file.", rich_help_panel=_OUTPUT
-        ),
-    ] = None
+    picture: Annotated[Path | None, option("Plot the contact to a new .svg or .png file.", "FILE.svg", _OUTPUT)] = (
+        None
+    )
     deflection: Annotated[
         Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Measured skin deflection to compare (deflection_mm with x_mm, z_mm or both).",
-            rich_help_panel=_OUTPUT,
-        ),
+        option("Measured skin deflection to compare (deflection_mm with x_mm, z_mm or both).", "CSV", _OUTPUT),
     ] = None
     other_paths: Annotated[
         bool,
-        typer.Option(
-            "--other-paths",
-            help="Press in smaller steps too, and report how much the forces differ.",
-            rich_help_panel=_OUTPUT,
+        option(
+            "Press in smaller steps too, and report how much the forces differ.", panel=_OUTPUT, name="--other-paths"
         ),
     ] = False
     as_json: JsonOption = False

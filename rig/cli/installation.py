@@ -27,7 +27,7 @@ from rig.bench.checks import (
 )
 from rig.cli import device_catalogue
 from rig.cli.device_catalogue import DeviceKindJson
-from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
+from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file, option
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.cli.request import Excludes, Needs, Rule, refuse, takes
@@ -194,11 +194,9 @@ class ConfigRequest:
     ] = None
     config: FingerConfigOption = None
     devices: Annotated[
-        bool, typer.Option("--devices", help="Print what each kind of device was tested with, and its speed.")
+        bool, option("Print what each kind of device was tested with, and its speed.", name="--devices")
     ] = False
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")] = (
-        False
-    )
+    markdown: Annotated[bool, option("Print a Markdown table for the documentation.", name="--markdown")] = False
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (Excludes("KEY", ("--devices",), "not_together"),)
@@ -288,10 +286,8 @@ _ABOUT = {
 class CacheRequest:
     """Options of `rig cache`."""
 
-    prune: Annotated[bool, typer.Option("--prune", help="Delete the least recently used entries.")] = False
-    keep_gb: Annotated[
-        float, typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0)
-    ] = 0.0
+    prune: Annotated[bool, option("Delete the least recently used entries.", name="--prune")] = False
+    keep_gb: Annotated[float, option("Size of recent entries that --prune retains, in GB.", "G", min=0)] = 0.0
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (Needs("--keep-gb", ("--prune",)),)
@@ -351,12 +347,8 @@ _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial"
 
 
 def doctor_command(
-    config: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Configuration whose devices are checked. Default: none.")
-    ] = None,
-    bundle: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject.")
-    ] = None,
+    config: Annotated[Path | None, option("Configuration whose devices are checked. Default: none.", "TOML")] = None,
+    bundle: Annotated[Path | None, option("Write a bug report of this run, without its subject.", "RUN")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the contents of a bug report."""
@@ -497,10 +489,8 @@ _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 
 
 def speed_command(
-    quick: Annotated[bool, typer.Option("--quick", help="Measure coarse meshes only (about 2 min).")] = False,
-    page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="HTML page to write.")] = Path(
-        "bench.html"
-    ),
+    quick: Annotated[bool, option("Measure coarse meshes only (about 2 min).", name="--quick")] = False,
+    page_file: Annotated[Path, option("HTML page to write.", "HTML", name="--out")] = Path("bench.html"),
     as_json: JsonOption = False,
 ) -> None:
     """Benchmark every model, element and refinement in its own process, and write the page."""

@@ -8,7 +8,7 @@ import typer
 
 from rig.cli.bench import HomedJson, Show, live_line, manual_session, print_entries
 from rig.cli.keyboard import ReadKeys, single_keys
-from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption, option
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
 from rig.cli.request import Needs, Rule, refuse, takes
 from rig.clock import Clock, WallClock
@@ -54,18 +54,13 @@ class JogRequest:
     """Options of `rig jog`."""
 
     config: ConfigOption
-    axis: Annotated[
-        str | None, typer.Option(metavar="x|y|z", help="Axis to move by --by-mm: x across, y along, z up.")
-    ] = None
+    axis: Annotated[str | None, option("Axis to move by --by-mm: x across, y along, z up.", "x|y|z")] = None
     by_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D", help="Signed distance, in mm; nonzero, up to 5 either way. Default: steps by keys."
-        ),
+        float | None, option("Signed distance, in mm; nonzero, up to 5 either way. Default: steps by keys.", "D")
     ] = None
-    speed_mm_s: Annotated[
-        float, typer.Option(metavar="V", help="Highest speed, 0.017 to 10 mm/s; down and sideways it is lower.")
-    ] = SPEED_MM_S
+    speed_mm_s: Annotated[float, option("Highest speed, 0.017 to 10 mm/s; down and sideways it is lower.", "V")] = (
+        SPEED_MM_S
+    )
     without_force: WithoutForceOption = False
     as_json: JsonOption = False
 

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NotRequired
 
-import typer
-
-from rig.cli.options import JsonOption, RunArgument, bounded, checked_file
+from rig.cli.options import JsonOption, RunArgument, bounded, checked_file, option
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
@@ -73,11 +71,9 @@ class NerveRequest:
     """Arguments and options of `rig nerve`."""
 
     run: RunArgument
-    afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random locations, sensitivities and noise.")] = 0
-    path_m: Annotated[
-        float, typer.Option(metavar="M", help="Length of the nerve from the fingertip to the electrode, in m.")
-    ] = 0.2
+    afferents: Annotated[str, option(AFFERENTS_HELP, "LIST")] = AFFERENTS
+    seed: Annotated[int, option("Seed of the random locations, sensitivities and noise.", "N")] = 0
+    path_m: Annotated[float, option("Length of the nerve from the fingertip to the electrode, in m.", "M")] = 0.2
     as_json: JsonOption = False
 
 

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from rig.bench.real import PortError, RealBench, open_bench
-from rig.cli.options import ConfigOption, JsonOption
+from rig.cli.options import ConfigOption, JsonOption, option
 from rig.cli.output import complain, err, one_line_errors, out, print_json, resting
 from rig.cli.request import takes
 from rig.cli.signals import at_once, leaving_on_signal
@@ -48,18 +46,10 @@ class PanelJson(Output):
 class PanelRequest:
     """Options of `rig panel`."""
 
-    config: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Configuration of the rig. Default: manual control off.")
-    ] = None
-    out_dir: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder that contains the run folders.")] = (
-        Path("runs")
-    )
-    port: Annotated[
-        int, typer.Option(metavar="N", help="TCP port on this machine, 1024 to 65535; 0 selects a free port.")
-    ] = 0
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser, or do not.")
-    ] = True
+    config: Annotated[Path | None, option("Configuration of the rig. Default: manual control off.", "TOML")] = None
+    out_dir: Annotated[Path, option("Folder that contains the run folders.", "DIR", name="--out")] = Path("runs")
+    port: Annotated[int, option("TCP port on this machine, 1024 to 65535; 0 selects a free port.", "N")] = 0
+    browser: Annotated[bool, option("Open the page in a browser, or do not.", name="--browser/--no-browser")] = True
     as_json: JsonOption = False
 
 

@@ -28,6 +28,7 @@ from rig.cli.options import (
     SetOption,
     SubjectOption,
     YesOption,
+    option,
 )
 from rig.cli.output import (
     THE_FINGER,
@@ -115,8 +116,7 @@ class CheckRequest(ScriptRequest):
     """Arguments and options of `rig check`."""
 
     afferents: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."),
+        str | None, option("Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA.", "LIST")
     ] = None
     as_json: JsonOption = False
 
@@ -228,17 +228,11 @@ class DryRunRequest(ScriptRequest):
     """Arguments and options of `rig dry-run`."""
 
     out_dir: OutOption = Path("runs")
-    speed: Annotated[
-        str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
-    ] = "max"
+    speed: Annotated[str, option("Simulated seconds per real second, or max for no limit.", "max|N")] = "max"
     subject: SubjectOption = None
     afferents: Annotated[
         str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
-            rich_help_panel="Simulated spikes",
-        ),
+        option("Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).", "LIST", "Simulated spikes"),
     ] = None
     as_json: JsonOption = False
 
@@ -281,7 +275,7 @@ def _times_real(text: str) -> float | None:
 class RunRequest(ScriptRequest):
     """Arguments and options of `rig run`."""
 
-    config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = field()
+    config: Annotated[Path, option("Configuration of rig and finger.", "TOML")] = field()
     out_dir: OutOption = Path("runs")
     subject: SubjectOption = None
     mounted: MountedOption = None
@@ -366,8 +360,7 @@ class ResumeRequest:
 
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")]
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="TOML", help="Take the ports from this file, if a device was plugged into another one."),
+        Path | None, option("Take the ports from this file, if a device was plugged into another one.", "TOML")
     ] = None
     mounted: MountedOption = None
     yes: YesOption = False

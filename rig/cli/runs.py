@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired
 import typer
 
 from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
-from rig.cli.options import JsonOption, RunArgument, checked_file
+from rig.cli.options import JsonOption, RunArgument, checked_file, option
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import ExactlyOne, Rule, refuse, takes
@@ -177,24 +177,15 @@ class RunsRequest:
     """Arguments and options of `rig runs`."""
 
     runs: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that contains the run folders.")] = Path("runs")
-    subject: Annotated[str | None, typer.Option(metavar="CODE", help="List only runs of this subject.")] = None
+    subject: Annotated[str | None, option("List only runs of this subject.", "CODE")] = None
     shape: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="List only runs with this indentor, e.g. bar:3.0; bar matches any bar."),
+        str | None, option("List only runs with this indentor, e.g. bar:3.0; bar matches any bar.", "S")
     ] = None
-    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="List only runs of this protocol.")] = None
-    state: Annotated[
-        str | None, typer.Option(metavar="STATE", help=f"List only runs in this state: {', '.join(RunStatus)}.")
-    ] = None
-    since: Annotated[
-        str | None, typer.Option(metavar="DAY", help="First start date to list, UTC, e.g. 2026-03-01.")
-    ] = None
-    until: Annotated[
-        str | None, typer.Option(metavar="DAY", help="Last start date to list, UTC, e.g. 2026-03-31.")
-    ] = None
-    table: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Write a table of all holds, one row each, to this file.")
-    ] = None
+    protocol: Annotated[str | None, option("List only runs of this protocol.", "NAME")] = None
+    state: Annotated[str | None, option(f"List only runs in this state: {', '.join(RunStatus)}.", "STATE")] = None
+    since: Annotated[str | None, option("First start date to list, UTC, e.g. 2026-03-01.", "DAY")] = None
+    until: Annotated[str | None, option("Last start date to list, UTC, e.g. 2026-03-31.", "DAY")] = None
+    table: Annotated[Path | None, option("Write a table of all holds, one row each, to this file.", "CSV")] = None
     as_json: JsonOption = False
 
     @property
@@ -320,9 +311,7 @@ class ShowRequest:
     """Arguments and options of `rig show`."""
 
     run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of the run.")] = None
-    columns: Annotated[
-        bool, typer.Option("--columns", help="Explain the columns of the run tables; takes no run.")
-    ] = False
+    columns: Annotated[bool, option("Explain the columns of the run tables; takes no run.", name="--columns")] = False
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("RUN", "--columns")),)
@@ -509,13 +498,11 @@ class ExportRequest:
     """Arguments and options of `rig export`."""
 
     run: RunArgument
-    as_csv: Annotated[bool, typer.Option("--csv", help="Write HDF5 and tidy CSV files.")] = False
-    as_nwb: Annotated[bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")] = (
+    as_csv: Annotated[bool, option("Write HDF5 and tidy CSV files.", name="--csv")] = False
+    as_nwb: Annotated[bool, option("Write Neurodata Without Borders (needs the extra nwb).", name="--nwb")] = False
+    report: Annotated[bool, option("Write the report again, with the strain under the skin.", name="--report")] = (
         False
     )
-    report: Annotated[
-        bool, typer.Option("--report", help="Write the report again, with the strain under the skin.")
-    ] = False
     as_json: JsonOption = False
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, NotRequired, cast
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.options import FingerConfigOption, JsonOption, bounded
+from rig.cli.options import FingerConfigOption, JsonOption, bounded, option
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
 from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.devices.registry import Room, names
@@ -61,64 +61,46 @@ class ServeRequest:
     """Arguments and options of `rig serve`."""
 
     stage: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help=f"Kind of stage: {either(names('stage'))}. Default: the configured one.",
-            rich_help_panel=_DEVICES,
-        ),
+        str | None, option(f"Kind of stage: {either(names('stage'))}. Default: the configured one.", "KIND", _DEVICES)
     ] = None
     force: Annotated[
         str | None,
-        typer.Option(
-            "--force-sensor",
-            metavar="KIND",
-            help=f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
-            rich_help_panel=_DEVICES,
+        option(
+            f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
+            "KIND",
+            _DEVICES,
+            name="--force-sensor",
         ),
     ] = None
-    pty: Annotated[
-        bool, typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES)
-    ] = False
+    pty: Annotated[bool, option("Serve on pseudo-terminals; not on Windows.", panel=_DEVICES, name="--pty")] = False
     tcp: Annotated[
         int | None,
-        typer.Option(
-            metavar="PORT",
-            help="TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
+        option(
+            "TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
             "Default: pseudo-terminals; free TCP ports on Windows.",
-            rich_help_panel=_DEVICES,
+            "PORT",
+            _DEVICES,
         ),
     ] = None
     indentor: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="Mounted indentor, as in rig indent. Default: the configured one.",
-            rich_help_panel=_DEVICES,
-        ),
+        str | None, option("Mounted indentor, as in rig indent. Default: the configured one.", "S", _DEVICES)
     ] = None
     random_finger: Annotated[
         int | None,
-        typer.Option(
-            metavar="SEED",
+        option(
+            "Serve a random finger of this seed, to be identified. Default: the configured finger.",
+            "SEED",
+            _FINGER,
             min=0,
-            help="Serve a random finger of this seed, to be identified. Default: the configured finger.",
-            rich_help_panel=_FINGER,
         ),
     ] = None
     reveal: Annotated[
         int | None,
-        typer.Option(
-            metavar="SEED",
-            min=0,
-            help="Seed of a random finger to print instead of serving. Default: serve devices.",
-            rich_help_panel=_FINGER,
+        option(
+            "Seed of a random finger to print instead of serving. Default: serve devices.", "SEED", _FINGER, min=0
         ),
     ] = None
-    beside: Annotated[
-        Path | None,
-        typer.Option(metavar="TOML", help="Finger file to compare with --reveal.", rich_help_panel=_FINGER),
-    ] = None
+    beside: Annotated[Path | None, option("Finger file to compare with --reveal.", "TOML", _FINGER)] = None
     config: FingerConfigOption = None
     as_json: JsonOption = False
 

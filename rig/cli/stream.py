@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import option
 from rig.cli.output import ExitCode, err, one_line_errors, resting
 from rig.clock import WallClock
 from rig.data.lsl import MARKERS, SAMPLES, GrowingRuns, open_streams
@@ -13,9 +14,7 @@ LOOK_S = 0.02
 
 
 def stream_command(
-    out_dir: Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folders.")] = Path(
-        "runs"
-    ),
+    out_dir: Annotated[Path, option("Parent folder of the run folders.", "DIR", name="--out")] = Path("runs"),
 ) -> None:
     """Offer readings and steps of the runs in a folder to the Lab Streaming Layer (LSL), until Ctrl-C.
 

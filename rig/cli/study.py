@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.options import ExactOption, JsonOption, checked_file
+from rig.cli.options import ExactOption, JsonOption, checked_file, option
 from rig.cli.output import one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.cli.request import takes
@@ -44,17 +44,15 @@ class StudyRequest:
 
     study: Annotated[Path, typer.Argument(metavar="TOML", help="Study file: the parameters to vary and the presses.")]
     out_file: Annotated[
-        Path | None, typer.Option("--out", metavar="CSV", help="Table to write. Default: beside the study file.")
+        Path | None, option("Table to write. Default: beside the study file.", "CSV", name="--out")
     ] = None
     processes: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Number of processes on this machine. Default: number of cores.", min=1),
+        int | None, option("Number of processes on this machine. Default: number of cores.", "N", min=1)
     ] = None
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Address of a dask.distributed scheduler (needs the extra cluster). Default: this machine.",
+        option(
+            "Address of a dask.distributed scheduler (needs the extra cluster). Default: this machine.", "ADDRESS"
         ),
     ] = None
     exact: ExactOption = False
