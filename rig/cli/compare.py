@@ -12,9 +12,9 @@ import typer
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
 from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers, option
-from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
+from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.comparison_rows import fingers_as_json
@@ -138,47 +138,44 @@ _WITH_GROUPS = (
 @takes(CompareRequest)
 def command(request: CompareRequest) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
-    with one_line_errors(as_json=request.as_json):
-        began = time.perf_counter()
-        group = named_group(request.recorded or [])
-        if group is not None:
-            refuse_options(given_options(request, without=_WITH_GROUPS))
-        refuse(request)
-        if request.example is not None:
-            _compare_example(request, request.example)
-            return
-        if not request.runs:
-            raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
-        bounded("--friction", request.friction, 0, MOST_FRICTION)
-        reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
-        if request.out_file is not None:
-            checked_file("--out", request.out_file, *HTML)
-        report = request.out_file or request.runs[0] / "comparison.html"
-        with busy("reading the runs …", quick=True):
-            runs = _without_copies([recorded_run(path) for path in request.runs])
-            if request.recorded:
-                _refuse_other_fingers(runs)
-        checked_file("--out", report)
-        if group is not None:
-            _compare_group(request, group, runs, reading, report)
-        else:
-            _compare_afferents(request, runs, reading, report)
-        write_sidecar(report, time.perf_counter() - began)
+    began = time.perf_counter()
+    group = named_group(request.recorded or [])
+    if group is not None:
+        refuse_options(given_options(request, without=_WITH_GROUPS))
+    if request.example is not None:
+        _compare_example(request, request.example)
+        return
+    if not request.runs:
+        raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
+    bounded("--friction", request.friction, 0, MOST_FRICTION)
+    reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
+    if request.out_file is not None:
+        checked_file("--out", request.out_file, *HTML)
+    report = request.out_file or request.runs[0] / "comparison.html"
+    with busy("reading the runs …", quick=True):
+        runs = _without_copies([recorded_run(path) for path in request.runs])
+        if request.recorded:
+            _refuse_other_fingers(runs)
+    checked_file("--out", report)
+    if group is not None:
+        _compare_group(request, group, runs, reading, report)
+    else:
+        _compare_afferents(request, runs, reading, report)
+    write_sidecar(report, time.perf_counter() - began)
 
 
 def _compare_group(request: CompareRequest, group: Path, runs: list[Run], reading: Reading, report: Path) -> None:
     """Compare a table or folder of several afferents."""
     receptors = _receptors(request)
     recordings = read_group(group, request.mirror or [], runs, _pressed(runs, receptors), reading)
-    answered = _answered(runs, receptors, request.friction, as_json=request.as_json)
+    answered = _answered(runs, receptors, request.friction)
     solved = [stimulus for one in answered for stimulus in one.stimuli]
     made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
-    compare_group(GroupInput(recordings, runs, solved, made_by), report, as_json=request.as_json)
+    compare_group(GroupInput(recordings, runs, solved, made_by), report)
 
 
 def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Reading, report: Path) -> None:
     """Compare recordings of one afferent for each shape, or only simulate."""
-    as_json = request.as_json
     plausible = None if request.fingers is None else read_plausible(request.fingers)
     with busy("reading the recordings …", quick=True):
         recordings = read_recordings(request.recorded or [], request.mirror or [], runs, reading)
@@ -188,16 +185,16 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
     where = _sought(request, runs)
     if where is not None:
         refuse_uncovered(runs, recordings, where, normalize=request.normalize)
-    answered = _answered(runs, _receptors(request), request.friction, as_json=as_json)
+    answered = _answered(runs, _receptors(request), request.friction)
     with busy("skin along the finger: computing its deflection …", quick=True):
         beside = _along_the_finger(answered, measured, request.deflection)
     comparison = _compared(request, answered, recordings, plausible)
     if any(left_out(overlay).any() for overlay in comparison.overlays):
-        with busy("positions left out: checking how far a run may reach …", as_json=as_json):
+        with busy("positions left out: checking how far a run may reach …"):
             by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
             comparison = with_wider_runs(comparison, by_run)
     form = Form(request.saturating, request.silent_at_rest)
-    with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
+    with busy("comparing every measure with the recordings …") if recordings else nullcontext():
         verdicts = answers(comparison, form)
 
     def outcome(shifted: Mapping[str, Recording]) -> object:
@@ -205,13 +202,13 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
         return outcome_of(answers(again, form))
 
     timed = any(one.spikes for one in recordings.values())
-    with busy(THE_CLOCK, as_json=as_json) if timed else nullcontext():
+    with busy(THE_CLOCK) if timed else nullcontext():
         shift = clock_shift(recordings, outcome)
-    with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
+    with busy(THE_PLACES) if where else nullcontext():
         at = places(runs, recordings, where, form, normalize=request.normalize) if where else []
-    with busy(THE_MAPS, as_json=as_json):
+    with busy(THE_MAPS):
         maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         write_comparison(
             report,
             comparison,
@@ -227,7 +224,7 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
             maps=maps,
             answers=verdicts,
         )
-    if as_json:
+    if writes_json():
         result = comparison_as_json(comparison, str(report), verdicts, places_as_json(at))
         result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
         if (with_fingers := fingers_as_json(comparison)) is not None:
@@ -250,7 +247,7 @@ def _compare_example(request: CompareRequest, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
     made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
-    compare_example(request.out_file or Path(f"{example}.html"), made_by, as_json=request.as_json)
+    compare_example(request.out_file or Path(f"{example}.html"), made_by)
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
@@ -290,10 +287,10 @@ def _pressed(runs: Sequence[Run], receptors: Receptors) -> list[StimulusRow]:
     return found
 
 
-def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:
+def _answered(runs: list[Run], receptors: Receptors, friction: float) -> list[Answered]:
     """Return the simulated responses to each run."""
-    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors, as_json=as_json)]
-    with busy("simulated responses: reading them from the cache, or computing them …", as_json=as_json):
+    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors)]
+    with busy("simulated responses: reading them from the cache, or computing them …"):
         return [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
 
 
@@ -307,9 +304,7 @@ def _compared(
     comparison = compare([s for one in answered for s in one.stimuli], recordings, normalize=request.normalize)
     if plausible is None:
         return comparison
-    with busy(
-        "plausible fingers: reading their responses from the cache, or computing them …", as_json=request.as_json
-    ):
+    with busy("plausible fingers: reading their responses from the cache, or computing them …"):
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=request.exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalize=request.normalize, plausible=plausible)
@@ -360,11 +355,11 @@ def _along_the_finger(answered: list[Answered], measured: list[Deflection], file
     return [deflection_section(profiles, measured, source)] if profiles else []
 
 
-def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fingertip]:
+def _fingers(runs: list[Run], receptors: Receptors) -> list[Fingertip]:
     """Return the finger of each run's configuration."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
-    with busy(THE_FINGER, as_json=as_json):
+    with busy(THE_FINGER):
         for config in configs:
             name = config.model_dump_json()
             if name not in loaded:

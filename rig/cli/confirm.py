@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rig.bench.checks import refuse_bench, refuse_expired
 from rig.cli.keyboard import text_waits
-from rig.cli.output import NotConfirmedError, busy, err
+from rig.cli.output import NotConfirmedError, busy, err, writes_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import refuse_full_disk
@@ -31,20 +31,20 @@ RELEASE_IT = "release the stop button"
 _YES = ("", "y", "yes")
 
 
-def nothing_to_confirm(*, as_json: bool) -> Confirm:
+def nothing_to_confirm() -> Confirm:
     """Return a confirmation for a dry run, which starts at once but still predicts duration and press speed."""
 
     def rehearse(session: Session) -> Page:
-        page = _rehearsed(session, as_json=as_json)
-        if not as_json:
+        page = _rehearsed(session)
+        if not writes_json():
             _print(page.speed)
         return page
 
     return rehearse
 
 
-def _rehearsed(session: Session, *, as_json: bool) -> Page:
-    with busy("rehearsing the protocol on a spring model …", as_json=as_json):
+def _rehearsed(session: Session) -> Page:
+    with busy("rehearsing the protocol on a spring model …"):
         page = Page.of(session)
     into = session.into
     if isinstance(page.rehearsal, Rehearsed):
@@ -106,7 +106,7 @@ def at_the_page(
     """
 
     def confirm(session: Session) -> Page:
-        page = _rehearsed(session, as_json=False)
+        page = _rehearsed(session)
         lines = page.lines if before is None else {"careful": before, **page.lines}
         confirmed_with(lines, yes=yes, asking=asking, button=button)
         return page

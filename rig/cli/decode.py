@@ -41,8 +41,8 @@ from rig.cli.options import (
     option,
     write_picture,
 )
-from rig.cli.output import busy, one_line_errors, out, print_json
-from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, refuse, takes
+from rig.cli.output import busy, out, print_json, writes_json
+from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.number_text import read_number
@@ -445,30 +445,28 @@ class DecodeRequest:
 @takes(DecodeRequest)
 def decode_command(request: DecodeRequest) -> None:
     """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        name = named("--decoder", request.decoder, DECODERS)
-        by = None if request.operator is None else named("--operator", request.operator, OPERATORS)
-        receptor, at = receptor_of(request.gain, request.threshold), named("--noise", request.noise, NOISE_PLACES)
-        added, kind = noise_of(request.snr_db, at, request.seed), named("--energy", request.energy, ENERGIES)
-        search = search_of(request.start, request.within, request.grid_step, request.seed)
-        sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
-        half_lengths = axial_of(request.axial)
-        checked_picture(request.picture)
-        finger = load_config(request.config).finger
-        source = _source(request, finger)
-        whole = isinstance(source, FileReadings) and (source.z_mm is not None or request.axial is not None)
-        task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
-        model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
-        with busy(f"{model}, then estimating the pressures …", as_json=request.as_json):
-            found = _decoded(task)
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                draw(found, request.picture)
-        if request.as_json:
-            print_json(as_json_object(name, finger, found))
-        else:
-            print_decoded(finger, name, found)
+    name = named("--decoder", request.decoder, DECODERS)
+    by = None if request.operator is None else named("--operator", request.operator, OPERATORS)
+    receptor, at = receptor_of(request.gain, request.threshold), named("--noise", request.noise, NOISE_PLACES)
+    added, kind = noise_of(request.snr_db, at, request.seed), named("--energy", request.energy, ENERGIES)
+    search = search_of(request.start, request.within, request.grid_step, request.seed)
+    sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
+    half_lengths = axial_of(request.axial)
+    checked_picture(request.picture)
+    finger = load_config(request.config).finger
+    source = _source(request, finger)
+    whole = isinstance(source, FileReadings) and (source.z_mm is not None or request.axial is not None)
+    task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
+    model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
+    with busy(f"{model}, then estimating the pressures …"):
+        found = _decoded(task)
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            draw(found, request.picture)
+    if writes_json():
+        print_json(as_json_object(name, finger, found))
+    else:
+        print_decoded(finger, name, found)
 
 
 def _source(request: DecodeRequest, finger: FingertipConfig) -> Array | SectionPress | FileReadings:

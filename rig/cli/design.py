@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -17,9 +18,9 @@ from rig.cli.options import (
     numbers,
     option,
 )
-from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, Activity, busy, out, print_json, writes_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, Rule, refuse, repeats, takes
+from rig.cli.request import Excludes, Rule, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
 from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
@@ -125,88 +126,86 @@ class DesignOptions:
 @takes(DesignOptions)
 def command(request: DesignOptions) -> None:
     """Choose presses, check them, and write a protocol script and a page."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        began = time.perf_counter()
-        page_file = request.to.with_suffix(".html") if request.out_file is None else request.out_file
-        checked_file("--to", request.to, ".py")
-        checked_file("--out", page_file, *HTML)
-        option, targets = "--depths-mm", request.depths_mm
-        if request.forces_gwt is not None:
-            option, targets = "--forces-gwt", request.forces_gwt
-        wanted = DesignRequest(
-            shapes=_names(request.shapes),
-            minutes=bounded("--minutes", request.minutes, 1, 240),
-            kind="doi_mm" if request.forces_gwt is None else "force_gwt",
-            unknowns=Unknowns(
-                _range("--rate-per-s", request.rate_per_s, 0.1, 1000),
-                _percent(_range("--threshold", request.threshold, 0, 95)),
-                _range("--receptor-x-mm", request.receptor_x_mm, -5, 5),
-                _range("--receptor-below-mm", request.receptor_below_mm, 0.02, 3),
-                _range("--dispersion", request.dispersion, 0.05, 20),
-                bounded("--drift", request.drift, 0, 100) / 100,
-            ),
-            hold_s=bounded("--hold-s", request.hold_s, 0.05, 60),
-            rest_s=bounded("--rest-s", request.rest_s, 0, 3600),
-            change_s=bounded("--change-s", request.change_s, 0, 3600),
-            seed=request.seed,
-            quick=request.quick,
-            candidates=MEASURES if request.candidates is None else _names(request.candidates),
-            targets=DEPTHS_MM if targets is None else tuple(sorted(set(numbers(option, targets)))),
-        )
-        wanted.refuse()
-        settings = with_finger(load_config(request.config), request.finger_file, force=request.force)
-        plausible = None if request.fingers is None else read_plausible(request.fingers)
-        with busy(THE_FINGER, as_json=request.as_json):
-            finger = finger_of(wanted, settings.finger)
-        with ShownProgress(as_json=request.as_json) as shown:
-            if request.counts is not None:
-                verdict = judged(wanted, request.counts, settings, finger, plausible, shown.count, shown.progress)
-            else:
-                found = design(wanted, settings, finger, plausible, shown.count, shown.progress)
+    began = time.perf_counter()
+    page_file = request.to.with_suffix(".html") if request.out_file is None else request.out_file
+    checked_file("--to", request.to, ".py")
+    checked_file("--out", page_file, *HTML)
+    option, targets = "--depths-mm", request.depths_mm
+    if request.forces_gwt is not None:
+        option, targets = "--forces-gwt", request.forces_gwt
+    wanted = DesignRequest(
+        shapes=_names(request.shapes),
+        minutes=bounded("--minutes", request.minutes, 1, 240),
+        kind="doi_mm" if request.forces_gwt is None else "force_gwt",
+        unknowns=Unknowns(
+            _range("--rate-per-s", request.rate_per_s, 0.1, 1000),
+            _percent(_range("--threshold", request.threshold, 0, 95)),
+            _range("--receptor-x-mm", request.receptor_x_mm, -5, 5),
+            _range("--receptor-below-mm", request.receptor_below_mm, 0.02, 3),
+            _range("--dispersion", request.dispersion, 0.05, 20),
+            bounded("--drift", request.drift, 0, 100) / 100,
+        ),
+        hold_s=bounded("--hold-s", request.hold_s, 0.05, 60),
+        rest_s=bounded("--rest-s", request.rest_s, 0, 3600),
+        change_s=bounded("--change-s", request.change_s, 0, 3600),
+        seed=request.seed,
+        quick=request.quick,
+        candidates=MEASURES if request.candidates is None else _names(request.candidates),
+        targets=DEPTHS_MM if targets is None else tuple(sorted(set(numbers(option, targets)))),
+    )
+    wanted.refuse()
+    settings = with_finger(load_config(request.config), request.finger_file, force=request.force)
+    plausible = None if request.fingers is None else read_plausible(request.fingers)
+    with busy(THE_FINGER):
+        finger = finger_of(wanted, settings.finger)
+    with ShownProgress() as shown:
         if request.counts is not None:
-            _print_verdict(verdict, as_json=request.as_json)
-            return
-        words = repeats("design", request, without=("--json",))
-        with busy("checking and rehearsing the script …", as_json=request.as_json):
-            script = checked_script(found, settings, finger, plausible, words)
-        found = script.design
-        with busy("computing the power …", quick=True):
-            designs = [found.at("designed", m) for m in found.durations] if request.power else []
-            rows = power_rows(designs, request.seed)
-        with busy("writing the script and the page …", as_json=request.as_json):
-            replace_text(request.to, script.text)
-            write_design_page(page_file, DesignPage(found, str(request.to), script.duration_s, rows, words))
-        if request.as_json:
-            result: DesignJson = {
-                "script": str(request.to),
-                "report": str(page_file),
-                "duration_s": script.duration_s,
-                **design_as_json(found, rows),
-                "wall_s": time.perf_counter() - began,
-            }
-            print_json(result)
-            return
-        kept = percent(*share_and_error(found.outcome.kept))
-        how = "predicted" if request.quick else "rehearsed"
-        lines: dict[str, Any] = {
-            "design": headline(found),
-            "truth": f"in the set in {kept}",
-            "pairs": separation_line(found),
-            "power": power_lines(rows) if request.power else [],
-            "quick": quick_line(found) or [],
-            "presses": about_the_design(found),
-            "duration": f"{script.duration_s:.0f} s, {how}, with changes of shape",
+            verdict = judged(wanted, request.counts, settings, finger, plausible, shown.count, shown.progress)
+        else:
+            found = design(wanted, settings, finger, plausible, shown.count, shown.progress)
+    if request.counts is not None:
+        _print_verdict(verdict)
+        return
+    words = repeats("design", request, without=("--json",))
+    with busy("checking and rehearsing the script …"):
+        script = checked_script(found, settings, finger, plausible, words)
+    found = script.design
+    with busy("computing the power …", quick=True):
+        designs = [found.at("designed", m) for m in found.durations] if request.power else []
+        rows = power_rows(designs, request.seed)
+    with busy("writing the script and the page …"):
+        replace_text(request.to, script.text)
+        write_design_page(page_file, DesignPage(found, str(request.to), script.duration_s, rows, words))
+    if writes_json():
+        result: DesignJson = {
             "script": str(request.to),
             "report": str(page_file),
+            "duration_s": script.duration_s,
+            **design_as_json(found, rows),
+            "wall_s": time.perf_counter() - began,
         }
-        for about, words_of in lines.items():
-            for line in words_of if isinstance(words_of, list) else [words_of]:
-                out.print(f"{about:<10}{line}")
+        print_json(result)
+        return
+    kept = percent(*share_and_error(found.outcome.kept))
+    how = "predicted" if request.quick else "rehearsed"
+    lines: dict[str, Any] = {
+        "design": headline(found),
+        "truth": f"in the set in {kept}",
+        "pairs": separation_line(found),
+        "power": power_lines(rows) if request.power else [],
+        "quick": quick_line(found) or [],
+        "presses": about_the_design(found),
+        "duration": f"{script.duration_s:.0f} s, {how}, with changes of shape",
+        "script": str(request.to),
+        "report": str(page_file),
+    }
+    for about, words_of in lines.items():
+        for line in words_of if isinstance(words_of, list) else [words_of]:
+            out.print(f"{about:<10}{line}")
 
 
-def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
-    if as_json:
+def _print_verdict(verdict: SessionVerdict) -> None:
+    if writes_json():
         result: SessionJson = {
             "candidates": [
                 {"name": one.name, "probability": one.probability, "in_set": one.in_set, "p_fit": one.p_fit}
@@ -222,39 +221,28 @@ def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
         out.print(line)
 
 
-class ShownProgress:
+class ShownProgress(ExitStack):
     """Progress of a design: of tables by tasks, of all else by parts."""
 
-    def __init__(self, *, as_json: bool) -> None:
-        self._quiet = as_json
-        self._busy: Any = None
-        self._what = ""
-        self._now: Activity | None = None
-
-    def __enter__(self) -> "ShownProgress":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._close()
+    _what = ""
+    _now: Activity
 
     def count(self, answers: Iterable[T], total: int, what: str, /) -> Iterator[T]:
         """Yield the results of tasks."""
-        self._close()
-        return counted(answers, total, what, quiet=self._quiet)
+        self._end()
+        return counted(answers, total, what)
 
     def progress(self, what: str, done: int, total: int) -> None:
         """Show how far a part is."""
-        if what != self._what or self._now is None:
-            self._close()
-            self._what = what
-            self._busy = busy(what, as_json=self._quiet, total=total if total > 1 else 0)
-            self._now = self._busy.__enter__()
-        self._now.at(done, total if total > 1 else 0)
+        pieces = total if total > 1 else 0
+        if what != self._what:
+            self._end()
+            self._what, self._now = what, self.enter_context(busy(what, total=pieces))
+        self._now.at(done, pieces)
 
-    def _close(self) -> None:
-        if self._busy is not None:
-            self._busy.__exit__(None, None, None)
-        self._busy, self._now = None, None
+    def _end(self) -> None:
+        self.close()
+        self._what = ""
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -38,8 +38,8 @@ from rig.cli.options import (
     option,
     write_picture,
 )
-from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
-from rig.cli.request import ExactlyOne, Rule, refuse, takes
+from rig.cli.output import busy, complain, err, out, print_json, say_now, writes_json
+from rig.cli.request import ExactlyOne, Rule, takes
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
@@ -263,37 +263,33 @@ class EncodeRequest:
 @takes(EncodeRequest)
 def encode_command(request: EncodeRequest) -> None:
     """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        kind, by = named("--energy", request.energy, ENERGIES), named("--operator", request.operator, OPERATORS)
-        at, sampling = (
-            named("--noise", request.noise, NOISE_PLACES),
-            sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm),
-        )
-        added = noise_of(request.snr_db, at, request.seed)
-        receptor = (
-            None
-            if request.threshold is None
-            else Receptor(
-                bounded("--gain", request.gain, 1e-9, 1e9), bounded("--threshold", request.threshold, 0, 1e9)
-            )
-        )
-        checked_picture(request.picture)
-        if request.shape is not None:
-            source: NDArray[np.float64] | SectionPress = press_of(request.shape, request.x_mm, request.doi_mm)
-        else:
-            assert request.pressure is not None
-            source = pressures_of(request.pressure, sampling.spacing_mm)
-        with busy("plane-strain section: building it, then computing the readings …", as_json=request.as_json):
-            finger = load_config(request.config).finger
-            found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                _draw(found, request.picture, receptor=receptor is not None)
-        if request.as_json:
-            print_json(_as_json(found, receptor, at))
-        else:
-            _print(found, added, receptor)
+    kind, by = named("--energy", request.energy, ENERGIES), named("--operator", request.operator, OPERATORS)
+    at, sampling = (
+        named("--noise", request.noise, NOISE_PLACES),
+        sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm),
+    )
+    added = noise_of(request.snr_db, at, request.seed)
+    receptor = (
+        None
+        if request.threshold is None
+        else Receptor(bounded("--gain", request.gain, 1e-9, 1e9), bounded("--threshold", request.threshold, 0, 1e9))
+    )
+    checked_picture(request.picture)
+    if request.shape is not None:
+        source: NDArray[np.float64] | SectionPress = press_of(request.shape, request.x_mm, request.doi_mm)
+    else:
+        assert request.pressure is not None
+        source = pressures_of(request.pressure, sampling.spacing_mm)
+    with busy("plane-strain section: building it, then computing the readings …"):
+        finger = load_config(request.config).finger
+        found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            _draw(found, request.picture, receptor=receptor is not None)
+    if writes_json():
+        print_json(_as_json(found, receptor, at))
+    else:
+        _print(found, added, receptor)
 
 
 def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
@@ -374,27 +370,24 @@ class ImpulseRequest:
 @takes(ImpulseRequest)
 def impulse_command(request: ImpulseRequest) -> None:
     """Print h, g, f, the difference of h from −g, and the error of shifting them, in skin and Cartesian axes."""
-    with one_line_errors(as_json=request.as_json):
-        kind = named("--energy", request.energy, ENERGIES)
-        sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
-        checked_picture(request.picture)
-        finger = load_config(request.config).finger
-        with busy(
-            "two plane-strain sections: building them, then computing the responses …", as_json=request.as_json
-        ):
-            found = {axes: _found(finger, replace(sampling, axes=axes), kind) for axes in AXES}
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                _draw_impulse(found, request.picture)
-        if request.as_json:
-            result: ImpulseJson = {
-                "energy": kind,
-                "skin": _as_json_impulse(*found["skin"]),
-                "cartesian": _as_json_impulse(*found["cartesian"]),
-            }
-            print_json(result)
-        else:
-            _print_impulse(found, kind)
+    kind = named("--energy", request.energy, ENERGIES)
+    sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
+    checked_picture(request.picture)
+    finger = load_config(request.config).finger
+    with busy("two plane-strain sections: building them, then computing the responses …"):
+        found = {axes: _found(finger, replace(sampling, axes=axes), kind) for axes in AXES}
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            _draw_impulse(found, request.picture)
+    if writes_json():
+        result: ImpulseJson = {
+            "energy": kind,
+            "skin": _as_json_impulse(*found["skin"]),
+            "cartesian": _as_json_impulse(*found["cartesian"]),
+        }
+        print_json(result)
+    else:
+        _print_impulse(found, kind)
 
 
 def _found(finger: FingertipConfig, sampling: Sampling, energy: Energy) -> Found:
@@ -490,23 +483,22 @@ class ShiftInvarianceRequest:
 @takes(ShiftInvarianceRequest)
 def shift_invariance_command(request: ShiftInvarianceRequest) -> None:
     """Fit SED = A / r^m under 24 equal point loads, and print A and m beside the source's Table 6.1."""
-    with one_line_errors(as_json=request.as_json):
-        sampled = Sampled(
-            bounded("--spacing-mm", request.spacing_mm, 0.05, 0.5),
-            bounded("--half-width-mm", request.half_width_mm, 0.5, 4.0),
-            bounded("--receptor-depth-mm", request.receptor_depth_mm, 0.1, 3.0),
-            bounded("--force-gwt", request.force_gwt, 1e-3, 100.0),
-        )
-        checked_picture(request.picture)
-        settings = load_config(request.config).finger
-        with busy(_BUSY, as_json=request.as_json):
-            found, deformed = cached_sites(settings, sampled, None if request.as_json else _report_progress)
-            if request.picture is not None:
-                _draw_shift_invariance(deformed, found.sites[DRAWN], request.picture)
-        if request.as_json:
-            print_json(_as_json_shift_invariance(found, sampled))
-        else:
-            _print_shift_invariance(found, sampled)
+    sampled = Sampled(
+        bounded("--spacing-mm", request.spacing_mm, 0.05, 0.5),
+        bounded("--half-width-mm", request.half_width_mm, 0.5, 4.0),
+        bounded("--receptor-depth-mm", request.receptor_depth_mm, 0.1, 3.0),
+        bounded("--force-gwt", request.force_gwt, 1e-3, 100.0),
+    )
+    checked_picture(request.picture)
+    settings = load_config(request.config).finger
+    with busy(_BUSY):
+        found, deformed = cached_sites(settings, sampled, None if writes_json() else _report_progress)
+        if request.picture is not None:
+            _draw_shift_invariance(deformed, found.sites[DRAWN], request.picture)
+    if writes_json():
+        print_json(_as_json_shift_invariance(found, sampled))
+    else:
+        _print_shift_invariance(found, sampled)
 
 
 def _report_progress(done: int, of: int) -> None:

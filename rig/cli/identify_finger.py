@@ -23,7 +23,18 @@ from rig.cli.options import (
     checked_file,
     option,
 )
-from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.output import (
+    THE_FINGER,
+    ExitCode,
+    before_motion,
+    busy,
+    complain,
+    err,
+    out,
+    print_json,
+    reporting_errors,
+    writes_json,
+)
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
@@ -414,8 +425,8 @@ class IdentifyRequest:
 @takes(IdentifyRequest)
 def identify_command(request: IdentifyRequest) -> None:
     """Press gently, print the result of each press, and write the finger file."""
-    beginning = Beginning(aloud=not request.dry)
-    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
+    begins = before_motion(aloud=not request.dry)
+    with ExitStack() as opened:
         settings = with_reliable_touch(load_config(request.config))
         _refuse(request.width, request.most_gwt, settings)
         checked_file("--to", request.to, ".toml")
@@ -431,10 +442,10 @@ def identify_command(request: IdentifyRequest) -> None:
             refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
         stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
-        run = RequestedRun(as_script(_nothing_yet), settings, into, beginning.begins, request.as_json)
+        run = RequestedRun(as_script(_nothing_yet), settings, into, begins)
         owner = opened.enter_context(owning(run, stage, request.config))
         process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
-        finger = loaded(settings, process, as_json=False)
+        finger = loaded(settings, process)
         with busy("checking the script …", quick=True):
             goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
         options = IdentificationOptions(goals, request.width / 100, request.presses, request.most_gwt, names)
@@ -461,7 +472,7 @@ def identify_command(request: IdentifyRequest) -> None:
         done = _carried_out(run, session, script, owner, on_the_bench(stage, owner, request.mounted))
         with busy("writing the finger file and the page …", quick=True):
             _write(done, identification, settings, request.to)
-        _print(done, identification, request.to, as_json=request.as_json)
+        _print(done, identification, request.to)
     _leave(done, identification, request.to)
 
 
@@ -477,7 +488,7 @@ def _nothing_yet(rig: Rig) -> None:
 
 def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> Iterator[A]:
     """Compute the items on all cores, with a progress bar."""
-    return counted(spread(function, items) if items else (), len(items), f"{what}, computed once", quiet=False)
+    return counted(spread(function, items) if items else (), len(items), f"{what}, computed once")
 
 
 def _stage(settings: Config, into: NewRun) -> OwnedStage:
@@ -493,7 +504,7 @@ def _carried_out(
 ) -> FinishedRun:
     owner.at("running")
     # In a pipe each press has its own lines.
-    shown = progress(script.identification.options.presses, None, as_json=True)
+    shown = progress(script.identification.options.presses, None, lines=False)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = IdentificationAttendant(pause, watch, run.begins, None, owner)
         attendant.script = script
@@ -535,9 +546,9 @@ def _write(done: FinishedRun, identification: Identification, settings: Config, 
     done.folder.write_checksums()
 
 
-def _print(done: FinishedRun, identification: Identification, to: Path, *, as_json: bool) -> None:
+def _print(done: FinishedRun, identification: Identification, to: Path) -> None:
     """Print the results."""
-    if as_json:
+    if writes_json():
         print_json(_as_json(done, identification, to))
         return
     for about, words in final_lines(done, identification, to).items():
@@ -554,39 +565,38 @@ def _print(done: FinishedRun, identification: Identification, to: Path, *, as_js
 _LARGEST_TURN_DEG = 3.0
 
 
+@reporting_errors
 def find_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run with touches at several positions.")],
     as_json: JsonOption = False,
 ) -> None:
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
-    with one_line_errors(as_json=as_json):
-        with busy("reading the run …", quick=True):
-            recorded, settings = recorded_run(run), load_config(run / "config.toml")
-        with busy(THE_FINGER, quick=True):
-            finger = Fingertip.load(settings.finger)
-        with busy("fitting the pad to the touches …", quick=True):
-            lie = find(recorded, settings, finger)
-        if as_json:
-            found: FindJson = {
-                "value": frame_as_json(lie.value),
-                "sd": frame_as_json(lie.sd),
-                "correlation": lie.correlation.tolist(),
-                "residual_mm": lie.residual_mm,
-                "touches": lie.touches,
-                "toml": lie.as_toml(),
-            }
-            if warnings := warnings_as_json([recorded]):
-                found["warnings"] = warnings
-            print_json(found)
-        else:
-            out.print(
-                f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "
-                f"surface\n\n{lie.as_toml()}"
+    with busy("reading the run …", quick=True):
+        recorded, settings = recorded_run(run), load_config(run / "config.toml")
+    with busy(THE_FINGER, quick=True):
+        finger = Fingertip.load(settings.finger)
+    with busy("fitting the pad to the touches …", quick=True):
+        lie = find(recorded, settings, finger)
+    if writes_json():
+        found: FindJson = {
+            "value": frame_as_json(lie.value),
+            "sd": frame_as_json(lie.sd),
+            "correlation": lie.correlation.tolist(),
+            "residual_mm": lie.residual_mm,
+            "touches": lie.touches,
+            "toml": lie.as_toml(),
+        }
+        if warnings := warnings_as_json([recorded]):
+            found["warnings"] = warnings
+        print_json(found)
+    else:
+        out.print(
+            f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "
+            f"surface\n\n{lie.as_toml()}"
+        )
+    for name in ("roll_deg", "tilt_deg"):
+        turned, sd = lie.value.get(name, 0.0), lie.sd.get(name, 0.0)
+        if abs(turned) > max(_LARGEST_TURN_DEG, 2 * sd):
+            complain(
+                f"{name} = {turned:.1f}°: the stage cannot rotate the finger; rotate the finger holder by this angle"
             )
-        for name in ("roll_deg", "tilt_deg"):
-            turned, sd = lie.value.get(name, 0.0), lie.sd.get(name, 0.0)
-            if abs(turned) > max(_LARGEST_TURN_DEG, 2 * sd):
-                complain(
-                    f"{name} = {turned:.1f}°: the stage cannot rotate the finger; rotate the finger "
-                    "holder by this angle"
-                )

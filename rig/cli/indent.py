@@ -21,8 +21,8 @@ from rig.cli.options import (
     option,
     write_picture,
 )
-from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.cli.request import Excludes, Needs, Rule, refuse, takes
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, out, print_json, writes_json
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.compare.recordings.deflection import DeflectionJson, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
@@ -325,56 +325,54 @@ class IndentRequest:
 @takes(IndentRequest)
 def indent_command(request: IndentRequest) -> None:
     """Press once and print force, contact and receptor measures."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
-        bounded("--friction", request.friction, 0, MOST_FRICTION)
-        settings = load_config(request.config)
-        receptors = _receptors(request)
-        origin = _reference(request.reference)
-        checked_picture(request.picture)
-        measured = None if request.deflection is None else read_skin_deflection(request.deflection)
-        indentor = None if request.shape == "point" else parse_shape(request.shape)
-        _refuse_place(request, indentor)
-        if indentor is None:
-            _load_a_point(request, wanted.named(settings.finger), settings.finger, receptors)
-            return
-        wanted.refuse(settings.finger, receptors)
-        chosen = wanted.named(settings.finger) or wanted.choose(request, indentor, settings.finger)
-        if chosen.choice is not None and not request.as_json:
-            out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
-        with busy(THE_FINGER, quick=True):
-            finger = chosen.load(settings.finger, indentor.axes, receptors)
-        force = chosen.force_per_mm(request.force_gwt)
-        press = partial(
-            finger.indent,
-            indentor,
-            request.x_mm or 0.0,
-            z_mm=request.z_mm,
-            reference=origin,
-            other_paths=request.other_paths,
-            friction=request.friction,
-        )
-        with busy(f"pressing {request.shape} …", quick=True):
-            result = press(doi_mm=request.doi_mm, force_gwt=force)
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                _draw(result, request.picture)
-        beside = None if measured is None else compared_deflection(result, measured)
-        if request.as_json:
-            answer = chosen.described(result, finger.build_s)
-            if not result.state.converged:
-                answer["code"] = "not_converged"
-            if beside is not None:
-                answer["deflection"] = beside
-            print_json(answer)
-        else:
-            _print(result, chosen, finger.build_s)
-            if beside is not None:
-                out.print(f"  deflection     {in_words(beside)}")
+    wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
+    bounded("--friction", request.friction, 0, MOST_FRICTION)
+    settings = load_config(request.config)
+    receptors = _receptors(request)
+    origin = _reference(request.reference)
+    checked_picture(request.picture)
+    measured = None if request.deflection is None else read_skin_deflection(request.deflection)
+    indentor = None if request.shape == "point" else parse_shape(request.shape)
+    _refuse_place(request, indentor)
+    if indentor is None:
+        _load_a_point(request, wanted.named(settings.finger), settings.finger, receptors)
+        return
+    wanted.refuse(settings.finger, receptors)
+    chosen = wanted.named(settings.finger) or wanted.choose(request, indentor, settings.finger)
+    if chosen.choice is not None and not writes_json():
+        out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
+    with busy(THE_FINGER, quick=True):
+        finger = chosen.load(settings.finger, indentor.axes, receptors)
+    force = chosen.force_per_mm(request.force_gwt)
+    press = partial(
+        finger.indent,
+        indentor,
+        request.x_mm or 0.0,
+        z_mm=request.z_mm,
+        reference=origin,
+        other_paths=request.other_paths,
+        friction=request.friction,
+    )
+    with busy(f"pressing {request.shape} …", quick=True):
+        result = press(doi_mm=request.doi_mm, force_gwt=force)
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            _draw(result, request.picture)
+    beside = None if measured is None else compared_deflection(result, measured)
+    if writes_json():
+        answer = chosen.described(result, finger.build_s)
         if not result.state.converged:
-            complain(f"not converged, residual {result.state.residual:.1e}")
-            raise typer.Exit(ExitCode.STOPPED)
+            answer["code"] = "not_converged"
+        if beside is not None:
+            answer["deflection"] = beside
+        print_json(answer)
+    else:
+        _print(result, chosen, finger.build_s)
+        if beside is not None:
+            out.print(f"  deflection     {in_words(beside)}")
+    if not result.state.converged:
+        complain(f"not converged, residual {result.state.residual:.1e}")
+        raise typer.Exit(ExitCode.STOPPED)
 
 
 def _load_a_point(
@@ -387,7 +385,7 @@ def _load_a_point(
         finger = chosen.load(config, ALONG, receptors)
     with busy("pressing a point …", quick=True):
         loaded = finger.point_load(request.x_mm or 0.0, force, z_mm=request.z_mm)
-    _print_point_load(loaded, chosen, finger.build_s, as_json=request.as_json)
+    _print_point_load(loaded, chosen, finger.build_s)
 
 
 def _receptors(request: IndentRequest) -> ReceptorPlaces:
@@ -416,8 +414,8 @@ def _draw(result: IndentationResult, picture: Path) -> None:
     write_picture(contacts_from_below([result], [title]), picture)
 
 
-def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
-    if as_json:
+def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float) -> None:
+    if writes_json():
         print_json(chosen.described(result, build_s))
         return
     if chosen.model == "section":

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, PortFoundJson, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file, option
-from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.output import NotConfirmedError, busy, complain, err, out, print_json, writes_json
 from rig.cli.request import takes
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -123,37 +123,36 @@ def init_command(request: InitRequest) -> None:
 
     Each port is asked with questions only: nothing moves and nothing is zeroed. Opening a port restarts many boards.
     """
-    with one_line_errors(as_json=request.as_json):
-        checked_file("--to", request.to, ".toml")
-        if request.to.exists() and not request.force:
-            raise _exists_already(request.to)
-        given = {
-            "stage": _DeviceOptions(request.stage, request.stage_port),
-            "force": _DeviceOptions(request.sensor, request.sensor_port),
-        }
-        for room in WORDS:
-            _refuse_unknown_kind(room, given[room].kind)
-        found = _looked_at(_ports(request.port, given), quiet=request.as_json and not err.is_terminal)
-        talk = _Talk(interactive=not request.yes and sys.stdin.isatty() and sys.stderr.isatty())
-        draft = _Draft()
-        for room in WORDS:
-            _choose(room, given[room], found, draft, talk)
-        for question in QUESTIONS:
-            question.settle(getattr(request, question.name), draft, talk)
-        talk.refuse_missing()
-        config = draft.config()
-        refuse_bench(config)
-        write_new(request.to, _file(config, draft), replace=request.force)
-        following = shlex.join(["rig", "doctor", "--config", str(request.to)])
-        if request.as_json:
-            written: InitJson = {
-                "config": str(request.to), "ports": [one.as_json() for one in found],
-                "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
-            }  # fmt: skip
-            print_json(written)
-            return
-        out.print(f"wrote {request.to}")
-        out.print(f"next: {following}")
+    checked_file("--to", request.to, ".toml")
+    if request.to.exists() and not request.force:
+        raise _exists_already(request.to)
+    given = {
+        "stage": _DeviceOptions(request.stage, request.stage_port),
+        "force": _DeviceOptions(request.sensor, request.sensor_port),
+    }
+    for room in WORDS:
+        _refuse_unknown_kind(room, given[room].kind)
+    found = _looked_at(_ports(request.port, given), quiet=writes_json() and not err.is_terminal)
+    talk = _Talk(interactive=not request.yes and sys.stdin.isatty() and sys.stderr.isatty())
+    draft = _Draft()
+    for room in WORDS:
+        _choose(room, given[room], found, draft, talk)
+    for question in QUESTIONS:
+        question.settle(getattr(request, question.name), draft, talk)
+    talk.refuse_missing()
+    config = draft.config()
+    refuse_bench(config)
+    write_new(request.to, _file(config, draft), replace=request.force)
+    following = shlex.join(["rig", "doctor", "--config", str(request.to)])
+    if writes_json():
+        written: InitJson = {
+            "config": str(request.to), "ports": [one.as_json() for one in found],
+            "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
+        }  # fmt: skip
+        print_json(written)
+        return
+    out.print(f"wrote {request.to}")
+    out.print(f"next: {following}")
 
 
 @dataclass(frozen=True)
@@ -269,7 +268,7 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
         return []
     tell(f"looking for devices on {', '.join(ports)}; a silent port takes about 10 s …")
     found: list[PortFound] = []
-    with busy("ports asked", as_json=True, total=len(ports)) as now:
+    with busy("ports asked", quick=True, total=len(ports)) as now:
         for one in find_devices(ports, WallClock()):
             tell(f"{one.port}: {one.words}")
             found.append(one)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, option
-from rig.cli.output import complain, err, one_line_errors, out, print_json, resting
+from rig.cli.output import complain, err, out, print_json, reporting_errors, resting, writes_json
 from rig.cli.request import takes
 from rig.cli.signals import at_once, leaving_on_signal
 from rig.clock import WallClock
@@ -56,20 +56,19 @@ class PanelRequest:
 @takes(PanelRequest)
 def panel_command(request: PanelRequest) -> None:
     """Print the address of the page, and serve it until Ctrl-C; a run continues without it."""
-    with one_line_errors(as_json=request.as_json):
-        if request.port != 0 and not _LOWEST_PORT <= request.port <= 65535:
-            raise BadInputError(
-                f"--port {request.port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
-            )
-        panel = _panel(request.config, request.out_dir, request.port)
-        if request.as_json:
-            found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
-            print_json(found)
-        else:
-            out.print(panel.url)
-            err.print("press Ctrl-C to close the panel; a running protocol continues")
-        with _shown(panel.url) if request.browser and not request.as_json else _not_shown(), resting():
-            panel.serve()
+    if request.port != 0 and not _LOWEST_PORT <= request.port <= 65535:
+        raise BadInputError(
+            f"--port {request.port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
+        )
+    panel = _panel(request.config, request.out_dir, request.port)
+    if writes_json():
+        found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
+        print_json(found)
+    else:
+        out.print(panel.url)
+        err.print("press Ctrl-C to close the panel; a running protocol continues")
+    with _shown(panel.url) if request.browser and not writes_json() else _not_shown(), resting():
+        panel.serve()
 
 
 def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
@@ -102,9 +101,10 @@ def _not_shown() -> Iterator[None]:
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
+@reporting_errors
 def owning_command(config: ConfigOption) -> None:
     """Own the ports for `rig panel`, and end with it, at rest; ready once it has announced itself."""
-    with one_line_errors(as_json=False), at_once():
+    with at_once():
         settings, clock, parent = load_config(config), WallClock(), os.getppid()
         known = BenchMemory(settings).read()  # an open bench adds nothing
         with (

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 from typer.models import ArgumentInfo, ParameterInfo
 
+from rig.cli.output import one_line_errors
 from rig.errors import BadInputError
 from rig.printable import either
 
@@ -44,11 +45,17 @@ class Option(NamedTuple):
 
 
 def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., None]]:
-    """Make a function of a request a command, with an argument or option for each field of its dataclass."""
+    """Make a function of a request a command, with an argument or option for each field of its dataclass.
+
+    It refuses what breaks the rules of the class; errors become one line and the right exit code.
+    """
 
     def command(carry_out: Callable[[R], None]) -> Callable[..., None]:
         def run(**given: Any) -> None:
-            carry_out(request(**given))
+            made = request(**given)
+            with one_line_errors(as_json=getattr(made, "as_json", False)):
+                refuse(made)
+                carry_out(made)
 
         options = options_of(request)
         run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]

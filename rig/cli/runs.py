@@ -14,9 +14,9 @@ import typer
 
 from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.options import JsonOption, RunArgument, checked_file, option
-from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import ExactlyOne, Rule, refuse, takes
+from rig.cli.request import ExactlyOne, Rule, takes
 from rig.data import dictionary
 from rig.data.ending import EndingJson
 from rig.data.folder import SCRIPT, FileSizeJson, replace_text
@@ -200,27 +200,26 @@ class RunsRequest:
 @takes(RunsRequest)
 def runs_command(request: RunsRequest) -> None:
     """List runs, newest last; an unreadable or damaged run gets one line on standard error."""
-    with one_line_errors(as_json=request.as_json):
-        chosen, table = request.filter, request.table
-        if table is not None:
-            checked_file("--table", table, ".csv")
-        entries = _entries(request.runs)
-        found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
-        broken = [one.summary for one in entries if one.summary.problem]
-        for listed_run in (one.summary for one in found if one.summary.damage):
-            complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
-        if table is not None:
-            replace_text(table, _as_csv(found))
-        if request.as_json:
-            print_json(_runs_json(found, broken, table))
-            return
-        for one in broken:
-            complain(f"{request.runs / one.name}: {one.problem}")
-        out.print(
-            _list(found)
-            if table is None
-            else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
-        )
+    chosen, table = request.filter, request.table
+    if table is not None:
+        checked_file("--table", table, ".csv")
+    entries = _entries(request.runs)
+    found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
+    broken = [one.summary for one in entries if one.summary.problem]
+    for listed_run in (one.summary for one in found if one.summary.damage):
+        complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
+    if table is not None:
+        replace_text(table, _as_csv(found))
+    if writes_json():
+        print_json(_runs_json(found, broken, table))
+        return
+    for one in broken:
+        complain(f"{request.runs / one.name}: {one.problem}")
+    out.print(
+        _list(found)
+        if table is None
+        else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
+    )
 
 
 def _entries(runs: Path) -> list[IndexEntry]:
@@ -320,21 +319,19 @@ class ShowRequest:
 @takes(ShowRequest)
 def show_command(request: ShowRequest) -> None:
     """Print a run: protocol, state, limits, versions, forces, ending and files."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        if request.run is None:
-            if request.as_json:
-                print_json(_columns())
-            else:
-                out.print(dictionary.as_markdown(), end="")
-            return
-        with foreign_in_one_line(request.run):
-            with busy("reading the run …", quick=True):
-                result = _described(request.run)
-            if request.as_json:
-                print_json(result)
-            else:
-                out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
+    if request.run is None:
+        if writes_json():
+            print_json(_columns())
+        else:
+            out.print(dictionary.as_markdown(), end="")
+        return
+    with foreign_in_one_line(request.run):
+        with busy("reading the run …", quick=True):
+            result = _described(request.run)
+        if writes_json():
+            print_json(result)
+        else:
+            out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
 
 
 def _columns() -> ColumnsJson:
@@ -511,41 +508,40 @@ def export_command(request: ExportRequest) -> None:
     """Export the journal again, also of a run that crashed, and renew the checksums of what is written."""
     from rig.data.export import export_nwb, export_run  # it imports numpy, which a list of runs does not need
 
-    with one_line_errors(as_json=request.as_json):
-        run, as_json = request.run, request.as_json
-        if not (request.as_csv or request.as_nwb or request.report):
-            raise BadInputError(
-                "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", "no_format"
-            )
-        with busy("reading the run …", quick=True):
-            found = recorded_run(run)
-        if request.report:
-            _refuse_identification(found)
-        written = []
-        if request.as_csv or request.as_nwb:
-            with busy(f"writing the files of {run} …", quick=True), foreign_in_one_line(run):
-                if request.as_csv:
-                    export_run(found)
-                    tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
-                    written += [str(found.folder.data), *(str(run / name) for name in tables)]
-                if request.as_nwb:
-                    written.append(str(export_nwb(found)))
-                found.folder.write_checksums()
-        if request.report:
-            with foreign_in_one_line(run), found.folder.owned():
-                with busy(THE_FINGER, as_json=as_json):
-                    from rig.plan.config import load_config
-                    from sim.models.fingertip import Fingertip
+    run = request.run
+    if not (request.as_csv or request.as_nwb or request.report):
+        raise BadInputError(
+            "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", "no_format"
+        )
+    with busy("reading the run …", quick=True):
+        found = recorded_run(run)
+    if request.report:
+        _refuse_identification(found)
+    written = []
+    if request.as_csv or request.as_nwb:
+        with busy(f"writing the files of {run} …", quick=True), foreign_in_one_line(run):
+            if request.as_csv:
+                export_run(found)
+                tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
+                written += [str(found.folder.data), *(str(run / name) for name in tables)]
+            if request.as_nwb:
+                written.append(str(export_nwb(found)))
+            found.folder.write_checksums()
+    if request.report:
+        with foreign_in_one_line(run), found.folder.owned():
+            with busy(THE_FINGER):
+                from rig.plan.config import load_config
+                from sim.models.fingertip import Fingertip
 
-                    finger = Fingertip.load(load_config(found.folder.config).finger)
-                written += [str(run / name) for name in renewed_report(found, finger, strain=True, as_json=as_json)]
-        if as_json:
-            exported: ExportJson = {"run": str(run), "files": written}
-            if warnings := warnings_as_json([found]):
-                exported["warnings"] = warnings
-            print_json(exported)
-        else:
-            out.print("\n".join(written))
+                finger = Fingertip.load(load_config(found.folder.config).finger)
+            written += [str(run / name) for name in renewed_report(found, finger, strain=True)]
+    if writes_json():
+        exported: ExportJson = {"run": str(run), "files": written}
+        if warnings := warnings_as_json([found]):
+            exported["warnings"] = warnings
+        print_json(exported)
+    else:
+        out.print("\n".join(written))
 
 
 def _refuse_identification(run: Run) -> None:
@@ -557,15 +553,13 @@ def _refuse_identification(run: Run) -> None:
         )
 
 
-def renewed_report(
-    run: Run, finger: "Fingertip", also: Collection[str] = (), *, strain: bool = False, as_json: bool
-) -> list[str]:
+def renewed_report(run: Run, finger: "Fingertip", also: Collection[str] = (), *, strain: bool = False) -> list[str]:
     """Write the report of a finished run again; return the names of its files, the page first.
 
     With `strain`, the page shows the strain under the deepest press. The checksums of these files and of those in
     `also` are renewed; data, and their checksums, stay unchanged.
     """
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         from rig.report.run_report import AFTER, write_report
         from rig.report.strain_figure import strain_figures
 

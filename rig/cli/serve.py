@@ -12,8 +12,8 @@ import typer
 
 from rig.bench.served import ServedBench
 from rig.cli.options import FingerConfigOption, JsonOption, bounded, option
-from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
-from rig.cli.request import Excludes, Needs, Rule, refuse, takes
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, out, print_json, resting, writes_json
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -113,42 +113,40 @@ class ServeRequest:
 @takes(ServeRequest)
 def serve_command(request: ServeRequest) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        if request.reveal is not None:
-            _reveal(request.reveal, request.beside, as_json=request.as_json)
-            return
-        settings = _with_indentor(load_config(request.config), request.indentor)
-        if request.pty and sys.platform == "win32":
-            raise BadInputError(
-                "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
-                "no_terminals",
-            )
-        if request.tcp is not None:
-            bounded("--tcp", request.tcp, 0, 65534)
-        if request.random_finger is not None:
-            settings = with_random_finger(settings, request.random_finger)
-        both = request.stage is None and request.force is None
-        with busy(THE_FINGER, quick=True):
-            bench = ServedBench(
-                settings,
-                stage=_kind("stage", request.stage, settings.stage.kind if both else None),
-                force=_kind("force", request.force, settings.force.kind if both else None),
-                tcp=request.tcp,
-                complain=complain,
-            )
-        with bench:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda *_: bench.stop())
-            print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
-            if sys.stderr.isatty():
-                err.print("\n".join(["in rig.toml:", *_tables(bench)]))
-            with resting():
-                bench.run()
-            if bench.statistics is not None:
-                err.print(_statistics_line(bench.statistics))
-            if bench.press is not None and bench.press.ended:
-                raise typer.Exit(ExitCode.STOPPED)
+    if request.reveal is not None:
+        _reveal(request.reveal, request.beside)
+        return
+    settings = _with_indentor(load_config(request.config), request.indentor)
+    if request.pty and sys.platform == "win32":
+        raise BadInputError(
+            "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
+            "no_terminals",
+        )
+    if request.tcp is not None:
+        bounded("--tcp", request.tcp, 0, 65534)
+    if request.random_finger is not None:
+        settings = with_random_finger(settings, request.random_finger)
+    both = request.stage is None and request.force is None
+    with busy(THE_FINGER, quick=True):
+        bench = ServedBench(
+            settings,
+            stage=_kind("stage", request.stage, settings.stage.kind if both else None),
+            force=_kind("force", request.force, settings.force.kind if both else None),
+            tcp=request.tcp,
+            complain=complain,
+        )
+    with bench:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: bench.stop())
+        print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
+        if sys.stderr.isatty():
+            err.print("\n".join(["in rig.toml:", *_tables(bench)]))
+        with resting():
+            bench.run()
+        if bench.statistics is not None:
+            err.print(_statistics_line(bench.statistics))
+        if bench.press is not None and bench.press.ended:
+            raise typer.Exit(ExitCode.STOPPED)
 
 
 def _tables(bench: ServedBench) -> list[str]:
@@ -186,12 +184,12 @@ def _statistics_line(found: PressStatistics) -> str:
     )
 
 
-def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
+def _reveal(seed: int, beside: Path | None) -> None:
     """Print each parameter of a random finger, with its 90 % band from a finger file."""
     truth = truth_of(seed)
     identified = None if beside is None else read_finger_file(beside).identified
     found = [_with_band(name, value, identified) for name, value in truth.items()]
-    if as_json:
+    if writes_json():
         truths: RandomFingerJson = {"parameters": found}
         print_json(truths)
         return

@@ -4,12 +4,12 @@ import os
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import at_the_page, ready_for_a_real_run, refuse_mounts
 from rig.cli.options import FingerFileOption, MountedOption, OutOption, SubjectOption, YesOption, numbers, option
-from rig.cli.output import Beginning, one_line_errors
+from rig.cli.output import before_motion
 from rig.cli.request import takes
 from rig.cli.run import on_the_bench
 from rig.cli.script_execution import RequestedRun, carry_out, leave, new_run, owning
@@ -43,6 +43,8 @@ class TakeOrdersRequest:
     mounted: MountedOption = None
     yes: YesOption = False
 
+    as_json: ClassVar[bool] = True
+
     def scope(self) -> OrderScope:
         """Return the limits of the orders. Raises BadInputError."""
         names = ("indentor", "doi_mm", "force_gwt", "presses", "increments", "hold_s")
@@ -52,13 +54,13 @@ class TakeOrdersRequest:
 @takes(TakeOrdersRequest)
 def take_orders_command(request: TakeOrdersRequest) -> None:
     """Have the highest press confirmed, then press as another program orders; print the result as JSON."""
-    beginning = Beginning(aloud=False)
+    begins = before_motion(aloud=False)
     parent = os.getppid()
-    with one_line_errors(as_json=True, beginning=beginning), ExitStack() as opened:
+    with ExitStack() as opened:
         settings = with_finger(load_config(request.config), request.finger_file)
         orders = PressOrders(request.scope(), lambda: os.getppid() != parent)
         into = new_run(request.out_dir, request.subject)
-        run, stage = RequestedRun(orders.as_script(), settings, into, beginning.begins, as_json=True), None
+        run, stage = RequestedRun(orders.as_script(), settings, into, begins), None
         if request.virtual:
             refuse_twinless(settings.stage, settings.force)
         else:

@@ -8,7 +8,7 @@ from rich.live import Live
 
 from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.options import JsonOption, RunArgument
-from rig.cli.output import ExitCode, err, one_line_errors, out, print_json, resting
+from rig.cli.output import ExitCode, err, out, print_json, reporting_errors, resting, writes_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
@@ -70,6 +70,7 @@ class RunScreen(RunFollower):
         return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{done}, {left}")]
 
 
+@reporting_errors
 def watch_command(
     run: RunArgument,
     as_json: JsonOption = False,
@@ -78,20 +79,19 @@ def watch_command(
 
     With --json: the current state, at once.
     """
-    with one_line_errors(as_json=as_json):
-        shown = RunScreen(RunFolder(run))
-        try:
-            with foreign_in_one_line(run):
-                if as_json:
-                    shown.take(Following(shown.folder).new())
-                    print_json(_now(shown))
-                    return
-                with resting():
-                    (_on_a_screen if out.is_terminal else _line_by_line)(shown)
-                out.print("\n".join(_end(shown)))
-        except KeyboardInterrupt:
-            err.print("stopped monitoring; the run continues")
-            raise typer.Exit(ExitCode.ABORTED) from None
+    shown = RunScreen(RunFolder(run))
+    try:
+        with foreign_in_one_line(run):
+            if writes_json():
+                shown.take(Following(shown.folder).new())
+                print_json(_now(shown))
+                return
+            with resting():
+                (_on_a_screen if out.is_terminal else _line_by_line)(shown)
+            out.print("\n".join(_end(shown)))
+    except KeyboardInterrupt:
+        err.print("stopped monitoring; the run continues")
+        raise typer.Exit(ExitCode.ABORTED) from None
 
 
 def _on_a_screen(shown: RunScreen) -> None:
