@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
-from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers, option
+from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, checked_file, numbers, option
 from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, repeats, takes
@@ -95,7 +95,10 @@ class CompareRequest:
     silent_at_rest: Annotated[
         bool, option("Constrain the fit to k > 0 and ε₀ ≥ 0.", panel=_MODEL, name="--silent-at-rest")
     ] = False
-    friction: Annotated[float, option("Friction coefficient. Default: 0.", "MU", _MODEL, show_default=False)] = 0.0
+    friction: Annotated[
+        float,
+        option("Friction coefficient. Default: 0.", "MU", _MODEL, within=(0, MOST_FRICTION), show_default=False),
+    ] = 0.0
     place: Annotated[
         bool, option("Fit the receptor location too: x and depth with intervals.", panel=_RECEPTORS, name="--place")
     ] = False
@@ -147,8 +150,9 @@ def command(request: CompareRequest) -> None:
         return
     if not request.runs:
         raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
-    bounded("--friction", request.friction, 0, MOST_FRICTION)
-    reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
+    reading = Reading(
+        _two("--window-s", request.window_s, "begin,end"), request.field_centre_mm, column_map(request.columns or [])
+    )
     if request.out_file is not None:
         checked_file("--out", request.out_file, *HTML)
     report = request.out_file or request.runs[0] / "comparison.html"
@@ -402,10 +406,6 @@ def _sought(request: CompareRequest, runs: list[Run]) -> PlaceRange | None:
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
     x_mm = _receptors(request).x_mm
     return common_range(runs, RequestedRanges((min(x_mm), max(x_mm)), depth, offset))
-
-
-def _window(text: str) -> tuple[float, float]:
-    return _two("--window-s", text, "begin,end")
 
 
 def _two(option: str, text: str, named: str) -> tuple[float, float]:

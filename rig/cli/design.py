@@ -13,12 +13,11 @@ from rig.cli.options import (
     FingerFileOption,
     ForceFingerOption,
     JsonOption,
-    bounded,
     checked_file,
     numbers,
     option,
 )
-from rig.cli.output import THE_FINGER, Activity, busy, out, print_json, writes_json
+from rig.cli.output import THE_FINGER, Activity, busy, out, print_json, print_lines, writes_json
 from rig.cli.progress import counted
 from rig.cli.request import Excludes, Rule, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
@@ -92,7 +91,7 @@ class DesignOptions:
         None
     )
     shapes: Annotated[str, option("Indentors on the bench.", "S,S")] = "step:1,bar:3.0,cylinder:3"
-    minutes: Annotated[float, option("Duration of the session, in min, 1 to 240.", "MIN")] = 20.0
+    minutes: Annotated[float, option("Duration of the session, in min, {within}.", "MIN", within=(1, 240))] = 20.0
     depths_mm: Annotated[str | None, option("Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.", "D,D")] = None
     forces_gwt: Annotated[str | None, option("Forces to choose from, in gwt, instead of depths.", "F,F")] = None
     config: FingerConfigOption = None
@@ -114,10 +113,12 @@ class DesignOptions:
     receptor_x_mm: Annotated[str, option("Receptor x, in mm.", "LOW,HIGH", _FIBER)] = "-0.5,0.5"
     receptor_below_mm: Annotated[str, option("Depth below the epidermis, in mm.", "LOW,HIGH", _FIBER)] = "0.1,0.7"
     dispersion: Annotated[str, option("Variance of counts over Poisson's.", "LOW,HIGH", _FIBER)] = "1.5"
-    drift: Annotated[float, option("Drift of the gain in ten minutes, sd in %.", "PERCENT", _FIBER)] = 10.0
-    hold_s: Annotated[float, option("Hold, in which spikes are counted, in s.", "S", _TIME)] = 1.0
-    rest_s: Annotated[float, option("Rest after each press, the washout, in s.", "S", _TIME)] = 2.0
-    change_s: Annotated[float, option("Time to change the indentor, in s.", "S", _TIME)] = 60.0
+    drift: Annotated[
+        float, option("Drift of the gain in ten minutes, sd in %.", "PERCENT", _FIBER, within=(0, 100))
+    ] = 10.0
+    hold_s: Annotated[float, option("Hold, in which spikes are counted, in s.", "S", _TIME, within=(0.05, 60))] = 1.0
+    rest_s: Annotated[float, option("Rest after each press, the washout, in s.", "S", _TIME, within=(0, 3600))] = 2.0
+    change_s: Annotated[float, option("Time to change the indentor, in s.", "S", _TIME, within=(0, 3600))] = 60.0
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (Excludes("--depths-mm", ("--forces-gwt",)),)
@@ -133,21 +134,22 @@ def command(request: DesignOptions) -> None:
     option, targets = "--depths-mm", request.depths_mm
     if request.forces_gwt is not None:
         option, targets = "--forces-gwt", request.forces_gwt
+    threshold = _range("--threshold", request.threshold, 0, 95)
     wanted = DesignRequest(
         shapes=_names(request.shapes),
-        minutes=bounded("--minutes", request.minutes, 1, 240),
+        minutes=request.minutes,
         kind="doi_mm" if request.forces_gwt is None else "force_gwt",
         unknowns=Unknowns(
             _range("--rate-per-s", request.rate_per_s, 0.1, 1000),
-            _percent(_range("--threshold", request.threshold, 0, 95)),
+            (threshold[0] / 100, threshold[1] / 100),
             _range("--receptor-x-mm", request.receptor_x_mm, -5, 5),
             _range("--receptor-below-mm", request.receptor_below_mm, 0.02, 3),
             _range("--dispersion", request.dispersion, 0.05, 20),
-            bounded("--drift", request.drift, 0, 100) / 100,
+            request.drift / 100,
         ),
-        hold_s=bounded("--hold-s", request.hold_s, 0.05, 60),
-        rest_s=bounded("--rest-s", request.rest_s, 0, 3600),
-        change_s=bounded("--change-s", request.change_s, 0, 3600),
+        hold_s=request.hold_s,
+        rest_s=request.rest_s,
+        change_s=request.change_s,
         seed=request.seed,
         quick=request.quick,
         candidates=MEASURES if request.candidates is None else _names(request.candidates),
@@ -199,9 +201,7 @@ def command(request: DesignOptions) -> None:
         "script": str(request.to),
         "report": str(page_file),
     }
-    for about, words_of in lines.items():
-        for line in words_of if isinstance(words_of, list) else [words_of]:
-            out.print(f"{about:<10}{line}")
+    print_lines(lines.items(), 10)
 
 
 def _print_verdict(verdict: SessionVerdict) -> None:
@@ -257,7 +257,3 @@ def _range(option: str, text: str, low: float, high: float) -> tuple[float, floa
             "bad_range",
         )
     return ends[0], ends[-1]
-
-
-def _percent(ends: tuple[float, float]) -> tuple[float, float]:
-    return ends[0] / 100, ends[1] / 100

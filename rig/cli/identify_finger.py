@@ -32,6 +32,7 @@ from rig.cli.output import (
     err,
     out,
     print_json,
+    print_lines,
     reporting_errors,
     writes_json,
 )
@@ -79,7 +80,7 @@ from rig.protocol.script import Script, load_script
 from rig.report.identification_page import ForceBand, IdentificationPage, write_identification_page
 from rig.report.page_source import source_line
 from rig.report.style import signed
-from rig.session.session import FinishedRun, NewRun, Session
+from rig.session.session import FinishedRun, Session
 from rig.study.parallel import spread
 from rig.units import GWT_N, unit_of_key
 from rig_shared.outputs import Code, File, Output, Ratio, Shape, Toml, Unit
@@ -405,7 +406,12 @@ class IdentifyRequest:
     to: Annotated[Path, option("Finger file to write.", "TOML")] = Path("finger.toml")
     width: Annotated[
         float,
-        option("Stop when the 90 % bands of all forces are within ± this value, 1 to 50 %.", "PERCENT", _PRESSES),
+        option(
+            "Stop when the 90 % bands of all forces are within ± this value, {within} %.",
+            "PERCENT",
+            _PRESSES,
+            within=(1, 50),
+        ),
     ] = 8.0
     presses: Annotated[int, option("Maximum number of presses.", "N", _PRESSES, min=1, max=8)] = 8
     most_gwt: Annotated[
@@ -428,7 +434,7 @@ def identify_command(request: IdentifyRequest) -> None:
     begins = before_motion(aloud=not request.dry)
     with ExitStack() as opened:
         settings = with_reliable_touch(load_config(request.config))
-        _refuse(request.width, request.most_gwt, settings)
+        bounded("--most-gwt", request.most_gwt, 1, settings.limits.max_force_gwt)
         checked_file("--to", request.to, ".toml")
         names = tuple(one.strip() for one in request.shapes.split(","))
         for name in (*names, *([] if request.mounted is None else [request.mounted])):
@@ -441,7 +447,11 @@ def identify_command(request: IdentifyRequest) -> None:
             ready_for_a_real_run("identify", settings, request.out_dir, yes=request.yes)
             refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
-        stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
+        stage = (
+            None
+            if request.dry
+            else opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
+        )
         run = RequestedRun(as_script(_nothing_yet), settings, into, begins)
         owner = opened.enter_context(owning(run, stage, request.config))
         process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
@@ -476,12 +486,6 @@ def identify_command(request: IdentifyRequest) -> None:
     _leave(done, identification, request.to)
 
 
-def _refuse(width: float, most_gwt: float, settings: Config) -> None:
-    if not 1 <= width <= 50:
-        raise BadInputError(f"--width {width:g}: must be 1 to 50 %", "outside_range")
-    bounded("--most-gwt", most_gwt, 1, settings.limits.max_force_gwt)
-
-
 def _nothing_yet(rig: Rig) -> None:
     """Do nothing; placeholder script while the identification is prepared."""
 
@@ -489,10 +493,6 @@ def _nothing_yet(rig: Rig) -> None:
 def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> Iterator[A]:
     """Compute the items on all cores, with a progress bar."""
     return counted(spread(function, items) if items else (), len(items), f"{what}, computed once")
-
-
-def _stage(settings: Config, into: NewRun) -> OwnedStage:
-    return OwnedStage(settings, WallClock(into.begins_at_s)).open()
 
 
 def _carried_out(
@@ -551,9 +551,7 @@ def _print(done: FinishedRun, identification: Identification, to: Path) -> None:
     if writes_json():
         print_json(_as_json(done, identification, to))
         return
-    for about, words in final_lines(done, identification, to).items():
-        for line in words if isinstance(words, list) else [words]:
-            out.print(f"{about:<12}{line}")
+    print_lines(final_lines(done, identification, to).items(), 12)
     if done.problem is not None:
         err.print(
             "the finger file contains the estimate from the presses before the end"

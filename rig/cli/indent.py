@@ -226,7 +226,7 @@ class ModelRequest:
             doi_mm=press.doi_mm,
             force_gwt=press.force_gwt,
             aim=self.aim,
-            reference=_reference(press.reference),
+            reference=press.reference,
             config=config,
         )
         return Chosen(found.model, found, self.length_mm)
@@ -291,8 +291,13 @@ class IndentRequest:
     receptor_z_mm: Annotated[
         str | None, option("Receptor z along the finger, in mm. Default: the receptor plane.", "Z,Z…", _RECEPTORS)
     ] = None
-    reference: Annotated[str, option("Zero of DOI: first contact or the apex.", "contact|apex", _PRESS)] = "contact"
-    friction: Annotated[float, option("Friction coefficient. Default: 0.", "MU", _PRESS, show_default=False)] = 0.0
+    reference: Annotated[
+        Literal["contact", "apex"], option("Zero of DOI: first contact or the apex.", "contact|apex", _PRESS)
+    ] = "contact"
+    friction: Annotated[
+        float,
+        option("Friction coefficient. Default: 0.", "MU", _PRESS, within=(0, MOST_FRICTION), show_default=False),
+    ] = 0.0
     config: FingertipOption = None
     picture: Annotated[Path | None, option("Plot the contact to a new .svg or .png file.", "FILE.svg", _OUTPUT)] = (
         None
@@ -326,10 +331,9 @@ class IndentRequest:
 def indent_command(request: IndentRequest) -> None:
     """Press once and print force, contact and receptor measures."""
     wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
-    bounded("--friction", request.friction, 0, MOST_FRICTION)
     settings = load_config(request.config)
     receptors = _receptors(request)
-    origin = _reference(request.reference)
+    origin = request.reference
     checked_picture(request.picture)
     measured = None if request.deflection is None else read_skin_deflection(request.deflection)
     indentor = None if request.shape == "point" else parse_shape(request.shape)
@@ -423,12 +427,6 @@ def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float) -
     else:
         out.print(f"point load of {result.force_gwt:.4f} gwt at x = {result.x_mm:g}, z = {result.z_mm:g} mm")
     _print_receptors(result)
-
-
-def _reference(text: str) -> Literal["contact", "apex"]:
-    if text not in ("contact", "apex"):
-        raise BadInputError(f"--reference {text!r}: must be contact or apex", "unknown_choice")
-    return "apex" if text == "apex" else "contact"
 
 
 def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:

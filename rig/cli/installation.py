@@ -28,7 +28,7 @@ from rig.bench.checks import (
 from rig.cli import device_catalogue
 from rig.cli.device_catalogue import DeviceKindJson
 from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file, option
-from rig.cli.output import busy, err, out, print_json, reporting_errors, writes_json
+from rig.cli.output import busy, err, out, print_json, print_lines, reporting_errors, writes_json
 from rig.cli.progress import counted
 from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
@@ -349,17 +349,19 @@ def doctor_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the contents of a bug report."""
-    with busy("writing the bug report …" if bundle else "asking ports and devices …", quick=True):
-        doctor = _examine(config) if bundle is None else None
-        report = None if bundle is None else _bundled(bundle, load_config(config))
-    if writes_json() and doctor is not None:
-        print_json(doctor)
-    elif writes_json() and report is not None:
-        print_json(report)
+    found: DoctorJson | BugReportJson
+    if bundle is None:
+        with busy("asking ports and devices …", quick=True):
+            found = doctor = _examine(config)
+        lines = _lines(doctor)
     else:
-        lines = {} if doctor is None else _lines(doctor)
-        for name, value in (lines if report is None else _bundle_lines(report)).items():
-            out.print(f"{name:<12}{value or 'none'}")
+        with busy("writing the bug report …", quick=True):
+            found = report = _bundled(bundle, load_config(config))
+        lines = _bundle_lines(report)
+    if writes_json():
+        print_json(found)
+    else:
+        print_lines(((name, value or "none") for name, value in lines.items()), 12)
 
 
 def _bundled(run: Path, settings: Config) -> BugReportJson:

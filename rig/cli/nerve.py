@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NotRequired
 
-from rig.cli.options import JsonOption, RunArgument, bounded, checked_file, option
+from rig.cli.options import JsonOption, RunArgument, checked_file, option
 from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
@@ -72,7 +72,9 @@ class NerveRequest:
 
     run: RunArgument
     afferents: Annotated[str, option(AFFERENTS_HELP, "LIST")] = AFFERENTS
-    seed: Annotated[int, option("Seed of the random locations, sensitivities and noise.", "N")] = 0
+    seed: Annotated[
+        int, option("Seed of the random locations, sensitivities and noise.", "N", within=(0, MOST_SEED - 1))
+    ] = 0
     path_m: Annotated[float, option("Length of the nerve from the fingertip to the electrode, in m.", "M")] = 0.2
     as_json: JsonOption = False
 
@@ -109,21 +111,16 @@ def nerve_command(request: NerveRequest) -> None:
             reported["warnings"] = warnings
         print_json(reported)
     else:
-        _print(answer, report)
+        out.print("\n".join([*spike_lines(answer), f"report  {report}"]))
 
 
 def print_firing(speeds: "Sequence[FiringSpeed]") -> None:
     """Print the speed at which each class fires; a warning if none is expected to."""
     if not writes_json():
-        for line in firing_lines(speeds):
-            out.print(line)
+        for one in speeds:
+            out.print(f"firing  {one.sentence}")
     if all(one.silent for one in speeds):
         complain("warning: no afferent is expected to fire; press faster or deeper, or ask for other afferents")
-
-
-def firing_lines(speeds: "Sequence[FiringSpeed]") -> list[str]:
-    """Return a line for each class, on the slowest press at which its most sensitive afferent fires."""
-    return [f"firing  {one.sentence}" for one in speeds]
 
 
 def firing_as_json(speeds: "Sequence[FiringSpeed]") -> "list[FiringSpeedJson]":
@@ -146,7 +143,6 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
     from rig.plan.nerve import SpikeRequest
 
-    bounded("--seed", seed, 0, MOST_SEED - 1)
     if not 0 < path_m <= MOST_PATH_M:
         raise BadInputError(f"--path-m {path_m:g}: must be more than 0 and at most {MOST_PATH_M:g}", "outside_range")
     wanted = SpikeRequest(afferents, seed, path_m)
@@ -206,12 +202,6 @@ def _as_rows(record: "SpikeRecord") -> list[SimulatedAfferentJson]:
         }
         for one in record.trains
     ]
-
-
-def _print(answer: SpikesJson, report: Path) -> None:
-    for line in spike_lines(answer):
-        out.print(line)
-    out.print(f"report  {report}")
 
 
 def spike_lines(answer: SpikesJson) -> list[str]:

@@ -15,14 +15,24 @@ if TYPE_CHECKING:
 
 
 def option(
-    what: str, metavar: str | None = None, panel: str | None = None, *, name: str | None = None, **bounds: Any
+    what: str,
+    metavar: str | None = None,
+    panel: str | None = None,
+    *,
+    name: str | None = None,
+    within: tuple[float, float] | None = None,
+    **settings: Any,
 ) -> Any:
     """Return an option with its help, the name of its value there, and the panel of the help that lists it.
 
-    name: name on the command line, if it is not that of the field. bounds: further settings, such as `min`.
+    name: name on the command line, if it is not that of the field. within: lowest and highest value, for which
+    `{within}` stands in the help; `refuse` of the request checks them. settings: of typer.
     """
-    names = [] if name is None else [name]
-    return typer.Option(*names, help=what, metavar=metavar, rich_help_panel=panel, **bounds)
+    low, high = within or (0.0, 0.0)
+    shown = what.replace("{within}", f"{low:g} to {high:g}")
+    found: Any = typer.Option(*filter(None, [name]), help=shown, metavar=metavar, rich_help_panel=panel, **settings)
+    found.within = within
+    return found
 
 
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]

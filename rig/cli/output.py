@@ -5,7 +5,7 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from enum import IntEnum
 from functools import wraps
@@ -343,6 +343,13 @@ def screen_aside() -> Iterator[None]:
     finally:
         for live in shown:
             live.start(refresh=True)
+
+
+def print_lines(lines: Iterable[tuple[str, object]], width: int) -> None:
+    """Print lines behind their topic; a list has several lines on one topic."""
+    for about, words in lines:
+        for line in words if isinstance(words, list) else [words]:
+            out.print(f"{about:<{width}}{line}")
 
 
 MOST_PRINTED = 100_000

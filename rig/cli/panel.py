@@ -3,10 +3,10 @@
 import os
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, option
@@ -26,10 +26,6 @@ from rig.manual.status import ManualLog
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import StopButton
 from rig_shared.outputs import Output, Uri
-
-if TYPE_CHECKING:
-    from rig.panel.app import Panel
-
 
 _LOWEST_PORT = 1024
 
@@ -60,21 +56,17 @@ def panel_command(request: PanelRequest) -> None:
         raise BadInputError(
             f"--port {request.port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
         )
-    panel = _panel(request.config, request.out_dir, request.port)
+    from rig.panel.app import Offered, Panel  # rig by-hand starts without a web server
+
+    panel = Panel(Offered(request.out_dir, request.config, request.port))
     if writes_json():
         found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
         print_json(found)
     else:
         out.print(panel.url)
         err.print("press Ctrl-C to close the panel; a running protocol continues")
-    with _shown(panel.url) if request.browser and not writes_json() else _not_shown(), resting():
+    with _shown(panel.url) if request.browser and not writes_json() else nullcontext(), resting():
         panel.serve()
-
-
-def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
-    from rig.panel.app import Offered, Panel  # rig by-hand starts without a web server
-
-    return Panel(Offered(out_dir, config, port))
 
 
 @contextmanager
@@ -91,11 +83,6 @@ def _shown(url: str) -> Iterator[None]:
         yield
     finally:
         leads_there.unlink(missing_ok=True)
-
-
-@contextmanager
-def _not_shown() -> Iterator[None]:
-    yield
 
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]

@@ -1,7 +1,5 @@
 """`rig runs`, `rig show` and `rig export`: list runs, describe one, write its tables."""
 
-import csv
-import io
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -19,7 +17,7 @@ from rig.cli.recorded_run import recorded_run
 from rig.cli.request import ExactlyOne, Rule, takes
 from rig.data import dictionary
 from rig.data.ending import EndingJson
-from rig.data.folder import SCRIPT, FileSizeJson, replace_text
+from rig.data.folder import SCRIPT, FileSizeJson, replace_table
 from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import (
     PackageJson,
@@ -209,7 +207,7 @@ def runs_command(request: RunsRequest) -> None:
     for listed_run in (one.summary for one in found if one.summary.damage):
         complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
     if table is not None:
-        replace_text(table, _as_csv(found))
+        replace_table(table, (*RUN_COLUMNS, *HOLD_COLUMNS), (row for one in found for row in one.rows))
     if writes_json():
         print_json(_runs_json(found, broken, table))
         return
@@ -264,15 +262,6 @@ def _line(run: Summary) -> list[str]:
 
 def _runs(found: Sequence[IndexEntry]) -> str:
     return number_of(len(found), "runs")
-
-
-def _as_csv(found: Sequence[IndexEntry]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*RUN_COLUMNS, *HOLD_COLUMNS])
-    for one in found:
-        writer.writerows(one.rows)
-    return text.getvalue()
 
 
 def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> RunsJson:
@@ -450,7 +439,6 @@ def _kind(kind: tuple[Any, ...], rows: Sequence[Mapping[str, Any]]) -> PressesJs
 
 def _lines(run: ShowJson) -> list[tuple[str, str]]:
     """Return name and text of each printed line."""
-    ending = {} if run["ending"] is None else {name: run["ending"].get(name) for name in _OF_AN_ENDING}
     size = sum(one["bytes"] for one in run["files"]) / 1e6
     return [
         ("run", run["run"]),
@@ -460,7 +448,7 @@ def _lines(run: ShowJson) -> list[tuple[str, str]]:
         ("subject", run["subject"] or "none"),
         ("began", f"{run['began_utc']}, {run['duration_s']:.0f} s"),
         ("state", f"{run['state']}, {run['done']} of {number_of(run['planned'], 'indentations')}"),
-        *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
+        *ended_lines(run["ending"]),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
         *(choice_lines(run["choice"]) if "choice" in run else ()),
         *((name, _pairs(run[name])) for name in ("limits", "devices")),
@@ -470,7 +458,12 @@ def _lines(run: ShowJson) -> list[tuple[str, str]]:
     ]
 
 
-_OF_AN_ENDING = {"reason_text": "because", "where_text": "where", "next_text": "next", "resume": "resume"}
+def ended_lines(ending: EndingJson | None) -> list[tuple[str, str]]:
+    """Return name and text of the lines on an early end."""
+    if ending is None:
+        return []
+    names = {"reason_text": "because", "where_text": "where", "next_text": "next", "resume": "resume"}
+    return [(name, str(words)) for key, name in names.items() if (words := ending.get(key))]
 
 
 def _pressed(one: PressesJson) -> str:

@@ -24,6 +24,7 @@ from rig.cli.output import (
     complain,
     out,
     print_json,
+    print_lines,
     screen_aside,
     writes_json,
 )
@@ -500,13 +501,11 @@ def _print(done: FinishedRun, wall_s: float, *, resumed: bool) -> None:
             out.print(f"{run.missing} missing, {run.repeated} repeated, {run.restarted} restarted")
         for some, limits in [] if run is None else motions_in_contact(run):
             out.print(f"{some}: {limits}")
-        for about, words in [] if chosen is None else choice_lines(chosen):
-            out.print(f"{about:<8}{words}")
+        print_lines([] if chosen is None else choice_lines(chosen), 8)
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
         if deviating is not None:
             complain(deviating)
-        for about, words in {} if ending is None else ending.lines.items():
-            out.print(f"{about:<8}{words}")
+        print_lines({}.items() if ending is None else ending.lines.items(), 8)
 
 
 def code_of_end(done: FinishedRun) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, NotRequired, cast
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.options import FingerConfigOption, JsonOption, bounded, option
+from rig.cli.options import FingerConfigOption, JsonOption, option
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, out, print_json, resting, writes_json
 from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.devices.registry import Room, names
@@ -76,10 +76,11 @@ class ServeRequest:
     tcp: Annotated[
         int | None,
         option(
-            "TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
+            "TCP port of the stage, {within}; the force sensor has the next. 0 selects free ports. "
             "Default: pseudo-terminals; free TCP ports on Windows.",
             "PORT",
             _DEVICES,
+            within=(0, 65534),
         ),
     ] = None
     indentor: Annotated[
@@ -122,8 +123,6 @@ def serve_command(request: ServeRequest) -> None:
             "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
             "no_terminals",
         )
-    if request.tcp is not None:
-        bounded("--tcp", request.tcp, 0, 65534)
     if request.random_finger is not None:
         settings = with_random_finger(settings, request.random_finger)
     both = request.stage is None and request.force is None

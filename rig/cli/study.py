@@ -1,7 +1,5 @@
 """`rig study`: the same presses on many fingers, over processes or a cluster."""
 
-import csv
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ from rig.cli.options import ExactOption, JsonOption, checked_file, option
 from rig.cli.output import out, print_json, writes_json
 from rig.cli.progress import counted
 from rig.cli.request import takes
-from rig.data.folder import replace_text
+from rig.data.folder import replace_table
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
 from rig_shared.outputs import File, Output
@@ -74,7 +72,8 @@ def command(request: StudyRequest) -> None:
         pass
     answers = list(counted(spread(solve, cases, *workers), len(cases), "cases"))
     rows = [row for answer in answers for row in answer]
-    replace_text(table, _as_csv(columns(cases), rows))
+    names = columns(cases)
+    replace_table(table, names, ([row.get(name) for name in names] for row in rows))
     problems = sum(bool(row["problem"]) for row in rows)
     between = sum(row.get("model") == INTERPOLATED for row in rows)
     small = _small_strain(cases, answers)
@@ -106,11 +105,3 @@ def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> st
     finger = FingertipConfig.model_validate_json(case.config_json)
     stiffening, compared = finger.tissue.finite_stiffening, is_default_finger(finger)
     return small_strain(row["model"], row["doi_mm"], stiffening, compared=compared).note
-
-
-def _as_csv(names: list[str], rows: list[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()

@@ -10,7 +10,7 @@ from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.options import JsonOption, RunArgument
 from rig.cli.output import ExitCode, err, out, print_json, reporting_errors, resting, writes_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.runs import ending_of
+from rig.cli.runs import ended_lines, ending_of
 from rig.clock import WallClock
 from rig.data.documents import Document
 from rig.data.ending import EndingJson
@@ -125,12 +125,9 @@ def _end(shown: RunScreen) -> list[str]:
     """Return the lines on the end of the run, or on its current state."""
     found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
-    ending = ending_of(found, about.state)
-    keys = ("reason_text", "where_text", "next_text", "resume")
-    sentences = {} if ending is None else {name: ending.get(name) for name in keys}
-    lines = [named("state", f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}")]
-    names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
-    return lines + [named(names.get(name, name), str(words)) for name, words in sentences.items() if words]
+    ended = ended_lines(ending_of(found, about.state))
+    state = f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}"
+    return [named(name, words) for name, words in (("state", state), *ended)]
 
 
 def _now(shown: RunScreen) -> WatchJson:
