@@ -2,8 +2,9 @@
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Protocol
 
 from rig.bench.checks import refuse_bench, refuse_expired
 from rig.cli.keyboard import text_waits
@@ -92,61 +93,45 @@ def can_answer() -> bool:
     return _is_interactive() or _text_waits()
 
 
-def at_the_page(
-    before: str | None,
-    *,
-    yes: bool,
-    asking: Callable[[], AbstractContextManager[None]] = nullcontext,
-    button: StopButton | None = None,
-) -> Confirm:
+class Owner(Protocol):
+    """Owner of a run as a confirmation uses it: the participant's button, and the mark of a time of questions."""
+
+    button: StopButton | None
+
+    def asking(self) -> AbstractContextManager[None]: ...
+
+
+def at_the_page(owner: Owner, before: str | None, *, yes: bool) -> Confirm:
     """Return a function that prints the confirmation page and waits for the answer.
 
-    `before` describes a run that needs caution; `asking` is entered during the prompt; `button` is the participant's
-    button, shown and tested. The result raises NotConfirmedError.
+    `before` describes a run that needs caution. The result raises NotConfirmedError.
     """
 
     def confirm(session: Session) -> Page:
         page = _rehearsed(session)
-        lines = page.lines if before is None else {"careful": before, **page.lines}
-        confirmed_with(lines, yes=yes, asking=asking, button=button)
+        confirmed_with(owner, page.lines if before is None else {"careful": before, **page.lines}, yes=yes)
         return page
 
     return confirm
 
 
-def confirmed_with(
-    lines: Mapping[str, str],
-    *,
-    yes: bool,
-    asking: Callable[[], AbstractContextManager[None]] = nullcontext,
-    button: StopButton | None = None,
-) -> None:
-    """Print lines by topic, wait for the answer, then test the stop button.
+def confirmed_with(owner: Owner, lines: Mapping[str, str], *, yes: bool) -> None:
+    """Print lines by topic, wait for the answer, then test the participant's stop button.
 
     Raises NotConfirmedError, BadInputError, StageError, TransportError.
     """
-    if button is not None:
-        lines = {**lines, "stop": button.words}
-    _print(lines)
+    button = owner.button
+    _print(lines if button is None else {**lines, "stop": button.words})
     if not yes:
-        with asking():
+        with owner.asking():
             confirmed = _confirmed()
         if not confirmed:
             raise NotConfirmedError("not confirmed; nothing has moved")
-    if button is not None:
-        _button_checked(button, yes=yes, asking=asking)
-
-
-def _print(lines: Mapping[str, str]) -> None:
-    for about, words in lines.items():
-        err.print(f"{about:<10}{words}")
-
-
-def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], AbstractContextManager[None]]) -> None:
-    """Have the button pressed and released once; non-interactively, only require that it is not pressed."""
+    if button is None:
+        return
     if button.there:
         if not yes:
-            with asking():
+            with owner.asking():
                 _seen(button, PRESS_IT, pressed=True)
                 _seen(button, RELEASE_IT, pressed=False)
             button.tested = True
@@ -157,6 +142,11 @@ def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], Abstr
             )
         err.print(f"{'stop':<10}{button.state}")
     button.arm()
+
+
+def _print(lines: Mapping[str, str]) -> None:
+    for about, words in lines.items():
+        err.print(f"{about:<10}{words}")
 
 
 def _seen(button: StopButton, request: str, *, pressed: bool) -> None:

@@ -478,7 +478,7 @@ def identify_command(request: IdentifyRequest) -> None:
         session = Session(script.as_script(), settings, finger, Plan(), into)
         if stage is not None:
             lines = page_lines(settings, options, expected)
-            confirmed_with(lines, yes=request.yes, asking=owner.asking, button=owner.button)
+            confirmed_with(owner, lines, yes=request.yes)
         done = _carried_out(run, session, script, owner, on_the_bench(stage, owner, request.mounted))
         with busy("writing the finger file and the page …", quick=True):
             _write(done, identification, settings, request.to)

@@ -293,7 +293,7 @@ def run_command(request: RunRequest) -> None:
         stage = opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
         owner = opened.enter_context(owning(run, stage, request.config))
         before = left_on_record(request.out_dir, settings)
-        confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
+        confirm = at_the_page(owner, before, yes=request.yes)
         done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm)
     leave(done)
 
@@ -413,7 +413,7 @@ def _checked(stopped: StoppedRun, owner: RunOwner, *, yes: bool) -> Confirm | No
         err.print(f"resuming after the checkpoint {stopped.run.last_checkpoint!r}")
     if not stopped.virtual:
         before = careful_of(left, stopped.config)
-        return at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
+        return at_the_page(owner, before, yes=yes)
     if left is not None:
         complain(careful(left))
     return None

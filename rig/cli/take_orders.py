@@ -74,7 +74,7 @@ def take_orders_command(request: TakeOrdersRequest) -> None:
         confirm = None
         if stage is not None:
             before = left_on_record(request.out_dir, settings)
-            confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
+            confirm = at_the_page(owner, before, yes=request.yes)
 
         def ordered(session: Session) -> FinishedRun:
             """Carry out the orders, of which there may be fewer than planned, with the soft trip of the plan."""
