@@ -371,7 +371,7 @@ def impulse_command(request: ImpulseRequest) -> None:
         with busy("drawing the figure …", quick=True):
             from rig.report import coding_figures as figures  # matplotlib is slow to import
 
-            plots = {axes: figures.ImpulsePlot(*both) for axes, both in found.items()}
+            plots = {str(axes): figures.ImpulsePlot(*both) for axes, both in found.items()}
             write_picture(figures.impulse_figure(plots), request.picture)
     if writes_json():
         result: ImpulseJson = {
