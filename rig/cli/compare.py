@@ -130,6 +130,11 @@ class CompareRequest:
         Needs("--place", ("--recorded",)),
     )
 
+    def refuse_first(self) -> None:
+        """Refuse options that do not apply to a table or folder of several afferents. Raises BadInputError."""
+        if named_group(self.recorded or []) is not None:
+            refuse_options(given_options(self, without=_WITH_GROUPS))
+
 
 _WITH_GROUPS = (
     *("RUNS", "--recorded", "--columns", "--mirror", "--window-s", "--field-centre-mm", "--receptor-x-mm"),
@@ -143,8 +148,6 @@ def command(request: CompareRequest) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
     began = time.perf_counter()
     group = named_group(request.recorded or [])
-    if group is not None:
-        refuse_options(given_options(request, without=_WITH_GROUPS))
     if request.example is not None:
         _compare_example(request, request.example)
         return

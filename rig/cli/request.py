@@ -114,7 +114,11 @@ Rule = Excludes | Alone | Needs | ExactlyOne
 
 
 def refuse(request: object) -> None:
-    """Raise BadInputError for the first broken rule of a request's class, or the first value that it refuses."""
+    """Raise BadInputError for the first broken rule of a request's class, or the first value that it refuses.
+
+    A class whose options depend on a file refuses others in `refuse_first`, before a rule asks for more of them.
+    """
+    getattr(request, "refuse_first", lambda: None)()
     given = given_options(request)
     values = [f"{one.label} {getattr(request, one.field)}" for one in options_of(type(request))]
     rules: Sequence[Rule] = getattr(type(request), "rules", ())
