@@ -10,8 +10,8 @@ from rich.live import Live
 
 from rig.bench.checks import PositionJson, StatusJson, in_one_line, look_and_contact, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
-from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption, option
+from rig.cli.output import ExitCode, busy, complain, err, out, print_json, reporting_errors, resting, writes_json
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import WallClock
 from rig.devices.base import ForceReading, Stage, StageError, StageStatus
@@ -58,14 +58,14 @@ def connected_stage(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
         yield stage, clock
 
 
+@reporting_errors
 def home(config: ConfigOption, without_force: WithoutForceOption = False, as_json: JsonOption = False) -> None:
     """Home all axes and print their positions; the force is monitored throughout."""
-    with one_line_errors(as_json=as_json):
-        settings = load_config(config)
-        with busy("homing all axes …", quick=True):
-            at, known = _home_without_force(settings) if without_force else _home(settings)
-        homed: HomedJson = {**position(at), **known.as_json()}
-        print_entries(homed, as_json=as_json)
+    settings = load_config(config)
+    with busy("homing all axes …", quick=True):
+        at, known = _home_without_force(settings) if without_force else _home(settings)
+    homed: HomedJson = {**position(at), **known.as_json()}
+    print_entries(homed)
 
 
 def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
@@ -90,22 +90,23 @@ def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
         return stage.status(), known
 
 
+@reporting_errors
 def zero(
     config: ConfigOption,
     anyway: Annotated[
-        bool, typer.Option("--anyway", help="Zero the sensor unchecked, even if a contact is detected.")
+        bool, option("Zero the sensor unchecked, even if a contact is detected.", name="--anyway")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Zero the force sensor, then check by a lift of 0.3 mm that nothing touched; the indentor stays there."""
-    with one_line_errors(as_json=as_json), at_once():
+    with at_once():
         settings = load_config(config)
         with busy("zeroing the force sensor …", quick=True):
             name, force_n = (_zero_anyway if anyway else _zero)(settings)
         if not anyway:
             err.print(f"lifted by {ZERO_LIFT_MM:g} mm to check the zero")
         zeroed: ZeroedJson = {"identity": name, "force_n": force_n}
-        print_entries(zeroed, as_json=as_json)
+        print_entries(zeroed)
 
 
 def _zero(settings: Config) -> tuple[str, float]:
@@ -134,22 +135,22 @@ def _zero_anyway(settings: Config) -> tuple[str, float]:
         return name, sensing.raw().force_n
 
 
+@reporting_errors
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Print the state of both devices; skip a port that another process owns."""
-    with one_line_errors(as_json=as_json):
-        settings = load_config(config)
-        with busy("asking the devices …", quick=True):
-            found = look_and_contact(settings)
-        print_entries(found, as_json=as_json)
-        problems = [one["problem_text"] for one in (found["stage"], found["force"]) if "problem_text" in one]
-        for problem in problems:
-            complain(problem)
+    settings = load_config(config)
+    with busy("asking the devices …", quick=True):
+        found = look_and_contact(settings)
+    print_entries(found)
+    problems = [one["problem_text"] for one in (found["stage"], found["force"]) if "problem_text" in one]
+    for problem in problems:
+        complain(problem)
     raise typer.Exit(ExitCode.STOPPED if problems else ExitCode.DONE)
 
 
-def print_entries(found: HomedJson | ZeroedJson | StatusJson, *, as_json: bool) -> None:
+def print_entries(found: HomedJson | ZeroedJson | StatusJson) -> None:
     """Print one JSON object, or one line per entry."""
-    if as_json:
+    if writes_json():
         print_json(found)
         return
     for name, value in _for_people(found).items():

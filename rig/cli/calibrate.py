@@ -14,8 +14,8 @@ from rig.bench.real import open_bench
 from rig.cli.bench import live_line, manual_session
 from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
-from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import busy, err, one_line_errors, out, print_json
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption, option
+from rig.cli.output import busy, err, out, print_json, reporting_errors, writes_json
 from rig.cli.request import takes
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_once, interrupt_main, typed_line
@@ -41,7 +41,7 @@ _READINGS, _FARTHEST_MM = 20, 1000.0
 # Beyond this limit a setting or a unit is wrong, not a calibration.
 _LARGEST_CORRECTION = 0.2
 
-ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="Validity of the calibration, in days.")]
+ValidDays = Annotated[int, option("Validity of the calibration, in days.", "N", min=1, max=3650)]
 
 
 CalibrationName = Literal["x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "force_scale", "compliance_mm_per_n"]
@@ -70,11 +70,9 @@ class StepsRequest:
     """Options of `rig calibrate steps`."""
 
     config: ConfigOption
-    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Axis to calibrate.")]
-    by_mm: Annotated[
-        float, typer.Option(metavar="D", help="Signed distance to move, in mm; nonzero, up to 1000 either way.")
-    ] = -20.0
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10, help="Speed of the axis, in mm/s.")] = 2.0
+    axis: Annotated[str, option("Axis to calibrate.", "x|y|z")]
+    by_mm: Annotated[float, option("Signed distance to move, in mm; nonzero, up to 1000 either way.", "D")] = -20.0
+    speed_mm_s: Annotated[float, option("Speed of the axis, in mm/s.", "V", min=0.1, max=10)] = 2.0
     valid_days: ValidDays = 365
     without_force: WithoutForceOption = False
     as_json: JsonOption = False
@@ -83,34 +81,34 @@ class StepsRequest:
 @takes(StepsRequest)
 def steps(request: StepsRequest) -> None:
     """Calibrate steps/mm: home first, clear the path, and place a caliper or a dial gauge on the carriage."""
-    with one_line_errors(as_json=request.as_json):
-        settings = load_config(request.config)
-        direction, far_mm = way(request.axis, request.by_mm, _FARTHEST_MM)
-        with (
-            live_line(settings) as show,
-            manual_session(settings, show, without_force=request.without_force) as session,
-        ):
-            now_per_mm, start = session.steps_per_mm(direction.axis), session.look()
-            for step_mm in slices(far_mm, MOST_MM):
-                if (problem := session.step(direction, step_mm, request.speed_mm_s).ended_by) is not None:
-                    raise BadInputError(f"{problem}; nothing was measured, nothing was changed", problem.code)
-            end = session.look()
-        moved_mm = abs(getattr(end, f"{request.axis}_mm") - getattr(start, f"{request.axis}_mm"))
-        measured_mm = _typed_number(
-            f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
-        )
-        value = now_per_mm * _ratio(moved_mm, measured_mm)
-        _print_calibration(_OF_AXIS[direction.axis], value, request.valid_days, as_json=request.as_json)
+    settings = load_config(request.config)
+    direction, far_mm = way(request.axis, request.by_mm, _FARTHEST_MM)
+    with (
+        live_line(settings) as show,
+        manual_session(settings, show, without_force=request.without_force) as session,
+    ):
+        now_per_mm, start = session.steps_per_mm(direction.axis), session.look()
+        for step_mm in slices(far_mm, MOST_MM):
+            if (problem := session.step(direction, step_mm, request.speed_mm_s).ended_by) is not None:
+                raise BadInputError(f"{problem}; nothing was measured, nothing was changed", problem.code)
+        end = session.look()
+    moved_mm = abs(getattr(end, f"{request.axis}_mm") - getattr(start, f"{request.axis}_mm"))
+    measured_mm = _typed_number(
+        f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
+    )
+    value = now_per_mm * _ratio(moved_mm, measured_mm)
+    _print_calibration(_OF_AXIS[direction.axis], value, request.valid_days)
 
 
+@reporting_errors
 def force(
     config: ConfigOption,
-    mass_g: Annotated[float, typer.Option(metavar="M", min=0.1, max=500, help="Known mass on the sensor, in g.")],
+    mass_g: Annotated[float, option("Known mass on the sensor, in g.", "M", min=0.1, max=500)],
     valid_days: ValidDays = 180,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate the force scale; the sensor must lie so that a mass on it presses as the indentor will."""
-    with one_line_errors(as_json=as_json), at_once():
+    with at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as sensor:
             with busy("zeroing the force sensor …", quick=True):
@@ -121,24 +119,23 @@ def force(
             with busy("reading the force sensor …", quick=True):
                 read_n = _mean_n(sensor, clock)
         before = settings.calibration.value("force_scale", 1.0)
-        _print_calibration("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days, as_json=as_json)
+        _print_calibration("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days)
 
 
+@reporting_errors
 def compliance(
     config: ConfigOption,
-    to_gwt: Annotated[
-        float, typer.Option(metavar="F", min=10, max=200, help="Largest force on the block, in gwt.")
-    ] = 100.0,
+    to_gwt: Annotated[float, option("Largest force on the block, in gwt.", "F", min=10, max=200)] = 100.0,
     valid_days: ValidDays = 365,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate compliance with a flat indentor on a rigid block in the finger's place, top at frame.apex_z_mm."""
-    with one_line_errors(as_json=as_json), at_once():
+    with at_once():
         settings = load_config(config)
         refuse_place(0.0, 0.0, settings)
         refuse_approach("calibrate compliance", 0.0, settings)
         found = _on_a_block(settings, to_gwt)
-        _print_calibration("compliance_mm_per_n", found.mm_per_n, valid_days, as_json=as_json, sd=found.sd_mm_per_n)
+        _print_calibration("compliance_mm_per_n", found.mm_per_n, valid_days, sd=found.sd_mm_per_n)
 
 
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
@@ -195,11 +192,9 @@ def _typed_number(question: str) -> float:
     return value
 
 
-def _print_calibration(
-    name: CalibrationName, value: float, valid_days: int, *, as_json: bool, sd: float | None = None
-) -> None:
+def _print_calibration(name: CalibrationName, value: float, valid_days: int, *, sd: float | None = None) -> None:
     table = as_table(name, value, valid_days, sd)
-    if as_json:
+    if writes_json():
         found: CalibrationJson = {
             "name": name, "value": value, "sd": sd, "unit": _UNITS[name], "toml": table,
         }  # fmt: skip

@@ -1,22 +1,19 @@
 """Options of the commands of encoding and decoding, with their checks: sampling, noise, pressures."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
-from rig.cli.options import bounded
+from rig.cli.options import option
 from rig.cli.request import Needs
 from rig.errors import BadInputError
-from rig.printable import either
 from rig_shared.number_text import read_number
 from sim.coding.decoder_results import CodingError
-from sim.coding.encoding import Noise, NoisePlace
+from sim.coding.encoding import NoisePlace
 from sim.coding.readings_file import checked_pressures, read_pressures
-from sim.coding.section import Sampling
+from sim.coding.section import Energy
 from sim.coding.task import SectionPress
 from sim.contact.shapes import parse_shape
 from sim.tables import TableError
@@ -24,69 +21,21 @@ from sim.tables import TableError
 INPUT, SAMPLING, NOISE = "Input", "Sampling", "Noise and receptor"
 """Panels of options."""
 
-AcrossOption = Annotated[
-    float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT)
-]
-DoiOption = Annotated[
-    float | None,
-    typer.Option(metavar="D", help="DOI, in mm. Default: none; --shape needs it.", rich_help_panel=INPUT),
-]
-SeedOption = Annotated[
-    int, typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE)
-]
-SpacingOption = Annotated[
-    float, typer.Option(metavar="MM", help="Spacing of the samples, 0.05 to 0.5 mm.", rich_help_panel=SAMPLING)
-]
-HalfLengthOption = Annotated[
-    int, typer.Option(metavar="N", help="Number of samples on each side, 4 to 100.", rich_help_panel=SAMPLING)
-]
-DepthOption = Annotated[
-    float, typer.Option(metavar="MM", help="Receptor depth below skin, 0.1 to 3 mm.", rich_help_panel=SAMPLING)
-]
+AcrossOption = Annotated[float, option("x of the indentor from the pad center, in mm.", "X", INPUT)]
+DoiOption = Annotated[float | None, option("DOI, in mm. Default: none; --shape needs it.", "D", INPUT)]
+SeedOption = Annotated[int, option("Seed of the random generator, 0 to 2^32.", "N", NOISE, within=(0, 2**32))]
+SpacingOption = Annotated[float, option("Spacing of the samples, {within} mm.", "MM", SAMPLING, within=(0.05, 0.5))]
+HalfLengthOption = Annotated[int, option("Number of samples on each side, {within}.", "N", SAMPLING, within=(4, 100))]
+DepthOption = Annotated[float, option("Receptor depth below skin, {within} mm.", "MM", SAMPLING, within=(0.1, 3.0))]
 EnergyOption = Annotated[
-    str,
-    typer.Option(
-        metavar="E",
-        help="Strain energy density (SED): incompressible (source, Eq. 6.1) or finite (compressible).",
-        rich_help_panel=SAMPLING,
-    ),
+    Energy,
+    option("Strain energy density (SED): incompressible (source, Eq. 6.1) or finite (compressible).", "E", SAMPLING),
 ]
 SnrOption = Annotated[
     float | None,
-    typer.Option(
-        metavar="DB",
-        help="Signal-to-noise ratio of added noise, -40 to 100 dB. Default: no noise.",
-        rich_help_panel=NOISE,
-    ),
+    option("Signal-to-noise ratio of added noise, {within} dB. Default: no noise.", "DB", NOISE, within=(-40, 100)),
 ]
-NoisePlaceOption = Annotated[
-    str, typer.Option(metavar="AT", help="Add noise to: receptor (SED) or output (rate).", rich_help_panel=NOISE)
-]
-
-
-_Word = TypeVar("_Word", bound=str)
-
-
-def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
-    """Return the choice with that name. Raises BadInputError for an unknown name."""
-    for word in words:
-        if text == word:
-            return word
-    raise BadInputError(f"{option} {text!r}: must be {either(words)}", "unknown_choice")
-
-
-def sampling_of(spacing_mm: float, half_length: int, depth_mm: float) -> Sampling:
-    """Return the sampling; raise BadInputError for numbers out of bounds."""
-    bounded("--spacing-mm", spacing_mm, 0.05, 0.5)
-    bounded("--half-length", half_length, 4, 100)
-    bounded("--receptor-depth-mm", depth_mm, 0.1, 3.0)
-    return Sampling(spacing_mm, half_length, "skin", depth_mm)
-
-
-def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
-    """Return the noise to add, None without a ratio; raise BadInputError for numbers out of bounds."""
-    drawn = int(bounded("--seed", seed, 0, 2**32))
-    return None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
+NoisePlaceOption = Annotated[NoisePlace, option("Add noise to: receptor (SED) or output (rate).", "AT", NOISE)]
 
 
 def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:

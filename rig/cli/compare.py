@@ -11,10 +11,10 @@ import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
-from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers
-from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, checked_file, numbers, option
+from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
+from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.comparison_rows import fingers_as_json
@@ -63,107 +63,61 @@ class CompareRequest:
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")
     ] = None
-    example: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Shipped recording to rehearse: bar3.", rich_help_panel=_RECORDING),
-    ] = None
+    example: Annotated[str | None, option("Shipped recording to rehearse: bar3.", "NAME", _RECORDING)] = None
     recorded: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="SHAPE=FILE",
-            help="Recording (may be repeated), or a table or folder of several afferents.",
-            rich_help_panel=_RECORDING,
-        ),
+        option("Recording (may be repeated), or a table or folder of several afferents.", "SHAPE=FILE", _RECORDING),
     ] = None
     columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ROLE=COLUMN",
-            help="Columns of the recordings, e.g. position=x:um,rate=FR.",
-            rich_help_panel=_RECORDING,
-        ),
+        list[str] | None, option("Columns of the recordings, e.g. position=x:um,rate=FR.", "ROLE=COLUMN", _RECORDING)
     ] = None
-    mirror: Annotated[
-        list[str] | None,
-        typer.Option(metavar="SHAPE", help="Indentor whose positions to negate.", rich_help_panel=_RECORDING),
-    ] = None
+    mirror: Annotated[list[str] | None, option("Indentor whose positions to negate.", "SHAPE", _RECORDING)] = None
     normalize: Annotated[
-        bool,
-        typer.Option("--normalize", help="Divide rates by the largest of their family.", rich_help_panel=_RECORDING),
+        bool, option("Divide rates by the largest of their family.", panel=_RECORDING, name="--normalize")
     ] = False
     window_s: Annotated[
-        str,
-        typer.Option(
-            metavar="A,B",
-            help="Window in which spikes count: BEGIN,END, in s from the start of the hold.",
-            rich_help_panel=_RECORDING,
-        ),
+        str, option("Window in which spikes count: BEGIN,END, in s from the start of the hold.", "A,B", _RECORDING)
     ] = "0,1"
-    field_centre_mm: Annotated[
-        float,
-        typer.Option(metavar="X", help="x of the receptive field for spikes, in mm.", rich_help_panel=_RECORDING),
-    ] = 0.0
+    field_centre_mm: Annotated[float, option("x of the receptive field for spikes, in mm.", "X", _RECORDING)] = 0.0
     deflection: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV", help="Measured skin deflection (docs/comparison.md).", rich_help_panel=_RECORDING
-        ),
+        Path | None, option("Measured skin deflection (docs/comparison.md).", "CSV", _RECORDING)
     ] = None
-    receptor_x_mm: Annotated[
-        str | None,
-        typer.Option(metavar="X,X…", help="Receptor x, in mm. Default: ten receptors.", rich_help_panel=_RECEPTORS),
-    ] = None
-    receptor_depth_mm: Annotated[
-        float,
-        typer.Option(metavar="D", help="Depth of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS),
-    ] = DEFAULT_DEPTH_MM
-    fingers: Annotated[
-        Path | None,
-        typer.Option(metavar="TOML", help="Ranges of the finger (docs/comparison.md).", rich_help_panel=_MODEL),
-    ] = None
+    receptor_x_mm: Annotated[str | None, option("Receptor x, in mm. Default: ten receptors.", "X,X…", _RECEPTORS)] = (
+        None
+    )
+    receptor_depth_mm: Annotated[float, option("Depth of the receptors below the skin, in mm.", "D", _RECEPTORS)] = (
+        DEFAULT_DEPTH_MM
+    )
+    fingers: Annotated[Path | None, option("Ranges of the finger (docs/comparison.md).", "TOML", _MODEL)] = None
     saturating: Annotated[
-        bool,
-        typer.Option("--saturating", help="Fit rates that saturate, with a third parameter.", rich_help_panel=_MODEL),
+        bool, option("Fit rates that saturate, with a third parameter.", panel=_MODEL, name="--saturating")
     ] = False
     silent_at_rest: Annotated[
-        bool, typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL)
+        bool, option("Constrain the fit to k > 0 and ε₀ ≥ 0.", panel=_MODEL, name="--silent-at-rest")
     ] = False
     friction: Annotated[
         float,
-        typer.Option(
-            metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_MODEL, show_default=False
-        ),
+        option("Friction coefficient. Default: 0.", "MU", _MODEL, within=(0, MOST_FRICTION), show_default=False),
     ] = 0.0
     place: Annotated[
-        bool,
-        typer.Option(
-            "--place", help="Fit the receptor location too: x and depth with intervals.", rich_help_panel=_RECEPTORS
-        ),
+        bool, option("Fit the receptor location too: x and depth with intervals.", panel=_RECEPTORS, name="--place")
     ] = False
     depth_range_mm: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW,HIGH",
-            help="Depths below the skin that --place searches, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
-            rich_help_panel=_RECEPTORS,
+        option(
+            "Depths below the skin that --place searches, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
+            "LOW,HIGH",
+            _RECEPTORS,
         ),
     ] = None
     offset_mm: Annotated[
         str | None,
-        typer.Option(
-            metavar="LOW,HIGH",
-            help="Offset range of the field center to fit with --place, in mm. Default: no offset.",
-            rich_help_panel=_RECEPTORS,
+        option(
+            "Offset range of the field center to fit with --place, in mm. Default: no offset.", "LOW,HIGH", _RECEPTORS
         ),
     ] = None
     out_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="HTML",
-            help="Report. Default: comparison.html in the first run.",
-            rich_help_panel=_OUTPUT,
-        ),
+        Path | None, option("Report. Default: comparison.html in the first run.", "HTML", _OUTPUT, name="--out")
     ] = None
     exact: ExactOption = False
     as_json: JsonOption = False
@@ -176,6 +130,11 @@ class CompareRequest:
         Needs("--place", ("--recorded",)),
     )
 
+    def refuse_first(self) -> None:
+        """Refuse options that do not apply to a table or folder of several afferents. Raises BadInputError."""
+        if named_group(self.recorded or []) is not None:
+            refuse_options(given_options(self, without=_WITH_GROUPS))
+
 
 _WITH_GROUPS = (
     *("RUNS", "--recorded", "--columns", "--mirror", "--window-s", "--field-centre-mm", "--receptor-x-mm"),
@@ -187,47 +146,43 @@ _WITH_GROUPS = (
 @takes(CompareRequest)
 def command(request: CompareRequest) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
-    with one_line_errors(as_json=request.as_json):
-        began = time.perf_counter()
-        group = named_group(request.recorded or [])
-        if group is not None:
-            refuse_options(given_options(request, without=_WITH_GROUPS))
-        refuse(request)
-        if request.example is not None:
-            _compare_example(request, request.example)
-            return
-        if not request.runs:
-            raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
-        bounded("--friction", request.friction, 0, MOST_FRICTION)
-        reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
-        if request.out_file is not None:
-            checked_file("--out", request.out_file, *HTML)
-        report = request.out_file or request.runs[0] / "comparison.html"
-        with busy("reading the runs …", quick=True):
-            runs = _without_copies([recorded_run(path) for path in request.runs])
-            if request.recorded:
-                _refuse_other_fingers(runs)
-        checked_file("--out", report)
-        if group is not None:
-            _compare_group(request, group, runs, reading, report)
-        else:
-            _compare_afferents(request, runs, reading, report)
-        write_sidecar(report, time.perf_counter() - began)
+    began = time.perf_counter()
+    group = named_group(request.recorded or [])
+    if request.example is not None:
+        _compare_example(request, request.example)
+        return
+    if not request.runs:
+        raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
+    reading = Reading(
+        _two("--window-s", request.window_s, "begin,end"), request.field_centre_mm, column_map(request.columns or [])
+    )
+    if request.out_file is not None:
+        checked_file("--out", request.out_file, *HTML)
+    report = request.out_file or request.runs[0] / "comparison.html"
+    with busy("reading the runs …", quick=True):
+        runs = _without_copies([recorded_run(path) for path in request.runs])
+        if request.recorded:
+            _refuse_other_fingers(runs)
+    checked_file("--out", report)
+    if group is not None:
+        _compare_group(request, group, runs, reading, report)
+    else:
+        _compare_afferents(request, runs, reading, report)
+    write_sidecar(report, time.perf_counter() - began)
 
 
 def _compare_group(request: CompareRequest, group: Path, runs: list[Run], reading: Reading, report: Path) -> None:
     """Compare a table or folder of several afferents."""
     receptors = _receptors(request)
     recordings = read_group(group, request.mirror or [], runs, _pressed(runs, receptors), reading)
-    answered = _answered(runs, receptors, request.friction, as_json=request.as_json)
+    answered = _answered(runs, receptors, request.friction)
     solved = [stimulus for one in answered for stimulus in one.stimuli]
     made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
-    compare_group(GroupInput(recordings, runs, solved, made_by), report, as_json=request.as_json)
+    compare_group(GroupInput(recordings, runs, solved, made_by), report)
 
 
 def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Reading, report: Path) -> None:
     """Compare recordings of one afferent for each shape, or only simulate."""
-    as_json = request.as_json
     plausible = None if request.fingers is None else read_plausible(request.fingers)
     with busy("reading the recordings …", quick=True):
         recordings = read_recordings(request.recorded or [], request.mirror or [], runs, reading)
@@ -237,16 +192,16 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
     where = _sought(request, runs)
     if where is not None:
         refuse_uncovered(runs, recordings, where, normalize=request.normalize)
-    answered = _answered(runs, _receptors(request), request.friction, as_json=as_json)
+    answered = _answered(runs, _receptors(request), request.friction)
     with busy("skin along the finger: computing its deflection …", quick=True):
         beside = _along_the_finger(answered, measured, request.deflection)
     comparison = _compared(request, answered, recordings, plausible)
     if any(left_out(overlay).any() for overlay in comparison.overlays):
-        with busy("positions left out: checking how far a run may reach …", as_json=as_json):
+        with busy("positions left out: checking how far a run may reach …"):
             by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
             comparison = with_wider_runs(comparison, by_run)
     form = Form(request.saturating, request.silent_at_rest)
-    with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
+    with busy("comparing every measure with the recordings …") if recordings else nullcontext():
         verdicts = answers(comparison, form)
 
     def outcome(shifted: Mapping[str, Recording]) -> object:
@@ -254,13 +209,13 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
         return outcome_of(answers(again, form))
 
     timed = any(one.spikes for one in recordings.values())
-    with busy(THE_CLOCK, as_json=as_json) if timed else nullcontext():
+    with busy(THE_CLOCK) if timed else nullcontext():
         shift = clock_shift(recordings, outcome)
-    with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
+    with busy(THE_PLACES) if where else nullcontext():
         at = places(runs, recordings, where, form, normalize=request.normalize) if where else []
-    with busy(THE_MAPS, as_json=as_json):
+    with busy(THE_MAPS):
         maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         write_comparison(
             report,
             comparison,
@@ -276,7 +231,7 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
             maps=maps,
             answers=verdicts,
         )
-    if as_json:
+    if writes_json():
         result = comparison_as_json(comparison, str(report), verdicts, places_as_json(at))
         result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
         if (with_fingers := fingers_as_json(comparison)) is not None:
@@ -299,7 +254,7 @@ def _compare_example(request: CompareRequest, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
     made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
-    compare_example(request.out_file or Path(f"{example}.html"), made_by, as_json=request.as_json)
+    compare_example(request.out_file or Path(f"{example}.html"), made_by)
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
@@ -339,10 +294,10 @@ def _pressed(runs: Sequence[Run], receptors: Receptors) -> list[StimulusRow]:
     return found
 
 
-def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:
+def _answered(runs: list[Run], receptors: Receptors, friction: float) -> list[Answered]:
     """Return the simulated responses to each run."""
-    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors, as_json=as_json)]
-    with busy("simulated responses: reading them from the cache, or computing them …", as_json=as_json):
+    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors)]
+    with busy("simulated responses: reading them from the cache, or computing them …"):
         return [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
 
 
@@ -356,9 +311,7 @@ def _compared(
     comparison = compare([s for one in answered for s in one.stimuli], recordings, normalize=request.normalize)
     if plausible is None:
         return comparison
-    with busy(
-        "plausible fingers: reading their responses from the cache, or computing them …", as_json=request.as_json
-    ):
+    with busy("plausible fingers: reading their responses from the cache, or computing them …"):
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=request.exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalize=request.normalize, plausible=plausible)
@@ -409,11 +362,11 @@ def _along_the_finger(answered: list[Answered], measured: list[Deflection], file
     return [deflection_section(profiles, measured, source)] if profiles else []
 
 
-def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fingertip]:
+def _fingers(runs: list[Run], receptors: Receptors) -> list[Fingertip]:
     """Return the finger of each run's configuration."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
-    with busy(THE_FINGER, as_json=as_json):
+    with busy(THE_FINGER):
         for config in configs:
             name = config.model_dump_json()
             if name not in loaded:
@@ -456,10 +409,6 @@ def _sought(request: CompareRequest, runs: list[Run]) -> PlaceRange | None:
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
     x_mm = _receptors(request).x_mm
     return common_range(runs, RequestedRanges((min(x_mm), max(x_mm)), depth, offset))
-
-
-def _window(text: str) -> tuple[float, float]:
-    return _two("--window-s", text, "begin,end")
 
 
 def _two(option: str, text: str, named: str) -> tuple[float, float]:

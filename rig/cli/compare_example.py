@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.cli.options import HTML, checked_file
-from rig.cli.output import THE_FINGER, busy, out, print_json
+from rig.cli.output import THE_FINGER, busy, out, print_json, writes_json
 from rig.compare.comparison_rows import PhaseCandidateJson, PhaseJson
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.example import (
@@ -31,20 +31,20 @@ EXAMPLES = ("bar3",)
 _TITLE = "Which measure explains a recorded afferent under a bar?"
 
 
-def compare_example(report: Path, made_by: str, *, as_json: bool) -> None:
+def compare_example(report: Path, made_by: str) -> None:
     """Rehearse the protocol on the default finger, compare both phases, write the page."""
     began = time.perf_counter()
     checked_file("--out", report, *HTML)
-    with busy(THE_FINGER, as_json=as_json):
+    with busy(THE_FINGER):
         finger = Fingertip.load()
     x_mm = positions()
-    with busy("positions of the bar on the simulated finger", as_json=as_json, total=len(x_mm)) as activity:
+    with busy("positions of the bar on the simulated finger", total=len(x_mm)) as activity:
         rehearsal = rehearse(finger.keeping_ways(), x_mm, on_position=activity.at)
-    with busy("comparing every measure with the recording …", as_json=as_json):
+    with busy("comparing every measure with the recording …"):
         verdicts = [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES]
         comparison = static_comparison(rehearsal)
         static = answers(comparison)
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         write_comparison(
             report,
             comparison,
@@ -56,7 +56,7 @@ def compare_example(report: Path, made_by: str, *, as_json: bool) -> None:
             lead=example_sections(rehearsal, verdicts),
         )
     write_sidecar(report, time.perf_counter() - began)
-    if as_json:
+    if writes_json():
         result = comparison_as_json(comparison, str(report), static)
         result["left_out"], result["phases"] = [], phases_as_json(verdicts)
         print_json(result)

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple, NotRequired
 
-from rig.cli.output import busy, out, print_json
+from rig.cli.output import busy, out, print_json, writes_json
 from rig.compare.comparison import LeftOutOfRecordingJson, compare, left_out_rows
 from rig.compare.group import group_verdict
 from rig.compare.group_text import (
@@ -134,21 +134,21 @@ def _answer(stimuli: Sequence[StimulusRow], flat: Mapping[str, Recording]) -> ob
     return None if group is None else (group.outcome, sorted(row.name for row in group.set), sorted(left_out))
 
 
-def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
+def compare_group(of: GroupInput, report: Path) -> None:
     """Compare every afferent and the group, and write the page."""
     found = of.recordings
-    with busy("comparing every measure with every afferent …", as_json=as_json):
+    with busy("comparing every measure with every afferent …"):
         judged, left_out, small_strain = _judged(of.stimuli, found)
         group = group_verdict(judged)
     verdicts = {name: one for name, (_, one) in judged.items()}
     flat = {f"{name}\n{key}": one for name, some in found.items() for key, one in some.items()}
     timed = any(one.spikes for one in flat.values())
-    with busy("clock of the spike times: shifting it …", as_json=as_json) if timed else nullcontext():
+    with busy("clock of the spike times: shifting it …") if timed else nullcontext():
         shift = clock_shift(flat, lambda shifted: _answer(of.stimuli, shifted), _SHIFTS_S)
     page = GroupPage(group, verdicts, found, left_out, of.runs, of.command, small_strain, shift)
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         write_group_page(report, page)
-    if as_json:
+    if writes_json():
         result: GroupJson = {
             "group": group_as_json(group),
             "afferents": afferents_as_json(verdicts),

@@ -2,12 +2,13 @@
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Protocol
 
 from rig.bench.checks import refuse_bench, refuse_expired
 from rig.cli.keyboard import text_waits
-from rig.cli.output import NotConfirmedError, busy, err
+from rig.cli.output import NotConfirmedError, busy, err, writes_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import refuse_full_disk
@@ -31,20 +32,20 @@ RELEASE_IT = "release the stop button"
 _YES = ("", "y", "yes")
 
 
-def nothing_to_confirm(*, as_json: bool) -> Confirm:
+def nothing_to_confirm() -> Confirm:
     """Return a confirmation for a dry run, which starts at once but still predicts duration and press speed."""
 
     def rehearse(session: Session) -> Page:
-        page = _rehearsed(session, as_json=as_json)
-        if not as_json:
+        page = _rehearsed(session)
+        if not writes_json():
             _print(page.speed)
         return page
 
     return rehearse
 
 
-def _rehearsed(session: Session, *, as_json: bool) -> Page:
-    with busy("rehearsing the protocol on a spring model …", as_json=as_json):
+def _rehearsed(session: Session) -> Page:
+    with busy("rehearsing the protocol on a spring model …"):
         page = Page.of(session)
     into = session.into
     if isinstance(page.rehearsal, Rehearsed):
@@ -92,61 +93,45 @@ def can_answer() -> bool:
     return _is_interactive() or _text_waits()
 
 
-def at_the_page(
-    before: str | None,
-    *,
-    yes: bool,
-    asking: Callable[[], AbstractContextManager[None]] = nullcontext,
-    button: StopButton | None = None,
-) -> Confirm:
+class Owner(Protocol):
+    """Owner of a run as a confirmation uses it: the participant's button, and the mark of a time of questions."""
+
+    button: StopButton | None
+
+    def asking(self) -> AbstractContextManager[None]: ...
+
+
+def at_the_page(owner: Owner, before: str | None, *, yes: bool) -> Confirm:
     """Return a function that prints the confirmation page and waits for the answer.
 
-    `before` describes a run that needs caution; `asking` is entered during the prompt; `button` is the participant's
-    button, shown and tested. The result raises NotConfirmedError.
+    `before` describes a run that needs caution. The result raises NotConfirmedError.
     """
 
     def confirm(session: Session) -> Page:
-        page = _rehearsed(session, as_json=False)
-        lines = page.lines if before is None else {"careful": before, **page.lines}
-        confirmed_with(lines, yes=yes, asking=asking, button=button)
+        page = _rehearsed(session)
+        confirmed_with(owner, page.lines if before is None else {"careful": before, **page.lines}, yes=yes)
         return page
 
     return confirm
 
 
-def confirmed_with(
-    lines: Mapping[str, str],
-    *,
-    yes: bool,
-    asking: Callable[[], AbstractContextManager[None]] = nullcontext,
-    button: StopButton | None = None,
-) -> None:
-    """Print lines by topic, wait for the answer, then test the stop button.
+def confirmed_with(owner: Owner, lines: Mapping[str, str], *, yes: bool) -> None:
+    """Print lines by topic, wait for the answer, then test the participant's stop button.
 
     Raises NotConfirmedError, BadInputError, StageError, TransportError.
     """
-    if button is not None:
-        lines = {**lines, "stop": button.words}
-    _print(lines)
+    button = owner.button
+    _print(lines if button is None else {**lines, "stop": button.words})
     if not yes:
-        with asking():
+        with owner.asking():
             confirmed = _confirmed()
         if not confirmed:
             raise NotConfirmedError("not confirmed; nothing has moved")
-    if button is not None:
-        _button_checked(button, yes=yes, asking=asking)
-
-
-def _print(lines: Mapping[str, str]) -> None:
-    for about, words in lines.items():
-        err.print(f"{about:<10}{words}")
-
-
-def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], AbstractContextManager[None]]) -> None:
-    """Have the button pressed and released once; non-interactively, only require that it is not pressed."""
+    if button is None:
+        return
     if button.there:
         if not yes:
-            with asking():
+            with owner.asking():
                 _seen(button, PRESS_IT, pressed=True)
                 _seen(button, RELEASE_IT, pressed=False)
             button.tested = True
@@ -157,6 +142,11 @@ def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], Abstr
             )
         err.print(f"{'stop':<10}{button.state}")
     button.arm()
+
+
+def _print(lines: Mapping[str, str]) -> None:
+    for about, words in lines.items():
+        err.print(f"{about:<10}{words}")
 
 
 def _seen(button: StopButton, request: str, *, pressed: bool) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
@@ -26,11 +25,8 @@ from rig.cli.coding_options import (
     SnrOption,
     SpacingOption,
     in_options,
-    named,
-    noise_of,
     press_of,
     pressures_of,
-    sampling_of,
 )
 from rig.cli.options import (
     FingertipOption,
@@ -39,10 +35,11 @@ from rig.cli.options import (
     bounded,
     checked_picture,
     numbers,
+    option,
     write_picture,
 )
-from rig.cli.output import busy, one_line_errors, out, print_json
-from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, refuse, takes
+from rig.cli.output import busy, out, print_json, writes_json
+from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.number_text import read_number
@@ -50,10 +47,10 @@ from rig_shared.outputs import Output, Places, Range, Ratio, Shape
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, ReadingUnit, Receptor
+from sim.coding.encoding import RATE_UNIT, SED_UNIT, Noise, ReadingUnit, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator, OperatorName
 from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
-from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, Energy
+from sim.coding.section import HALF_LENGTH, SPACING_MM, Energy, Sampling
 from sim.coding.shape_class import SolidClass, classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
 from sim.coding.task import DECODERS, DecodeResult, DecoderName, DecodeTask, SearchOptions, SectionPress, decode_task
@@ -162,8 +159,6 @@ def search_of(start: str | None, within: str | None, step: float | None, seed: i
         raise BadInputError(
             f"--range {within}: must be two ascending numbers that are not negative, e.g. 0,30", "not_ascending"
         )
-    if step is not None:
-        bounded("--grid-step", step, 1e-6, _LARGEST)
     return SearchOptions(places, ends and (ends[0], ends[1]), step, seed)
 
 
@@ -308,55 +303,28 @@ def _table(found: DecodeResult) -> Table:
 
 def draw(found: DecodeResult, picture: Path) -> None:
     """Plot the path over the error surface of two pressures, or else the pressures with their band."""
-    if isinstance(found.observation.operator, SheetOperator):
-        _draw_sheet(found.observation.operator, found, picture)
-    elif len(found.pressure) == 2 and len(found.path) > 1:
-        _draw_search(found, picture)
-    else:
-        _draw_pressures(found, picture)
+    from rig.report import coding_figures as figures  # matplotlib is slow to import
 
-
-def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import SheetPlot as Drawn  # matplotlib is slow to import
-    from rig.report.coding_figures import sheet_figure
-
-    grid = operator.skin.grid
-    assert found.profile is not None
-    pressure, sd = (values.reshape(grid.shape) for values in (found.pressure, found.profile.sd))
-    write_picture(sheet_figure(Drawn(grid.x_mm, grid.z_mm, pressure, sd, operator.receptor_mm)), picture)
-
-
-def _draw_search(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import ErrorSurface, extents, search_figure  # slow to import
-
-    seen = found.observation
-
-    def surface(low: Array, high: Array) -> ErrorSurface:
-        first, second = np.linspace(low, high, _FINE).T
-        return ErrorSurface(first, second, error_surface(seen.operator, seen.sed, first, second))
-
-    assert found.bounds is not None
-    whole = {"error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}
-    surfaces = {title: surface(*ends) for title, ends in (whole | extents(found.path)).items()}
-    write_picture(search_figure(surfaces, {"path of the search": found.path}, seen.true), picture)
-
-
-def _draw_pressures(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DecodingPlot as Drawn  # matplotlib is slow to import
-    from rig.report.coding_figures import decoded_figure
-
-    band = None if found.profile is None else found.profile.band()
     seen, operator = found.observation, found.observation.operator
-    drawn = Drawn(
-        operator.place_mm,
-        found.pressure,
-        band,
-        seen.true,
-        operator.receptor_mm,
-        seen.sed,
-        operator.sed(found.pressure),
-    )
-    write_picture(decoded_figure(drawn), picture)
+    if isinstance(operator, SheetOperator):
+        grid = operator.skin.grid
+        assert found.profile is not None
+        pressure, sd = (values.reshape(grid.shape) for values in (found.pressure, found.profile.sd))
+        plot = figures.sheet_figure(figures.SheetPlot(grid.x_mm, grid.z_mm, pressure, sd, operator.receptor_mm))
+    elif len(found.pressure) == 2 and len(found.path) > 1:
+        assert found.bounds is not None
+        ends = {"error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}
+        surfaces = {}
+        for title, (low, high) in (ends | figures.extents(found.path)).items():
+            first, second = np.linspace(low, high, _FINE).T
+            error = error_surface(seen.operator, seen.sed, first, second)
+            surfaces[title] = figures.ErrorSurface(first, second, error)
+        plot = figures.search_figure(surfaces, {"path of the search": found.path}, seen.true)
+    else:
+        band, explained = None if found.profile is None else found.profile.band(), operator.sed(found.pressure)
+        places = operator.place_mm, found.pressure, band, seen.true, operator.receptor_mm, seen.sed, explained
+        plot = figures.decoded_figure(figures.DecodingPlot(*places))
+    write_picture(plot, picture)
 
 
 @dataclass(frozen=True)
@@ -365,85 +333,62 @@ class DecodeRequest:
 
     pressure: Annotated[
         str | None,
-        typer.Option(
-            metavar="P",
-            help="Pressures to encode first, in pseudo-units: 20,14, or a CSV (column pressure).",
-            rich_help_panel=INPUT,
-        ),
+        option("Pressures to encode first, in pseudo-units: 20,14, or a CSV (column pressure).", "P", INPUT),
     ] = None
-    shape: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.", rich_help_panel=INPUT),
-    ] = None
+    shape: Annotated[str | None, option("Indentor along the finger, as in rig indent.", "S", INPUT)] = None
     readings: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            help="Receptor readings with locations, depths and noise (docs/coding.md).",
-            rich_help_panel=INPUT,
-        ),
+        Path | None, option("Receptor readings with locations, depths and noise (docs/coding.md).", "FILE.csv", INPUT)
     ] = None
     axial: Annotated[
         str | None,
-        typer.Option(
-            metavar="A",
-            help="Contact along the finger, with --readings: ellipse:HALF-LENGTH in mm, 0.3 to 10; ellipse fits it.",
-            rich_help_panel=INPUT,
+        option(
+            "Contact along the finger, with --readings: ellipse:HALF-LENGTH in mm, 0.3 to 10; ellipse fits it.",
+            "A",
+            INPUT,
         ),
     ] = None
     x_mm: AcrossOption = 0.0
     doi_mm: DoiOption = None
-    decoder: Annotated[
-        str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
-    ] = "bayes"
+    decoder: Annotated[DecoderName, option(f"Decoder: {', '.join(DECODERS)}.", "NAME", _DECODER)] = "bayes"
     operator: Annotated[
-        str | None,
-        typer.Option(
-            metavar="O",
-            help=f"Operator: {' or '.join(OPERATORS)}. Default: convolution with --pressure, else influence.",
-            rich_help_panel=_DECODER,
+        OperatorName | None,
+        option(
+            f"Operator: {' or '.join(OPERATORS)}. Default: convolution with --pressure, else influence.",
+            "O",
+            _DECODER,
         ),
     ] = None
     energy: EnergyOption = "finite"
     snr_db: SnrOption = None
     noise: NoisePlaceOption = "receptor"
-    gain: Annotated[
-        str | None,
-        typer.Option(
-            metavar="K", help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.", rich_help_panel=NOISE
-        ),
-    ] = None
+    gain: Annotated[str | None, option("Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.", "K", NOISE)] = (
+        None
+    )
     threshold: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S0",
-            help="Threshold S₀ of SED, in pseudo-units, e.g. 1.5±0.2. Default: no receptor.",
-            rich_help_panel=NOISE,
-        ),
+        str | None, option("Threshold S₀ of SED, in pseudo-units, e.g. 1.5±0.2. Default: no receptor.", "S0", NOISE)
     ] = None
     start: Annotated[
         str | None,
-        typer.Option(
-            metavar="P",
-            help="Starting pressures for univariate and grid, e.g. 10,10. Default: best uniform pressure.",
-            rich_help_panel=_DECODER,
+        option(
+            "Starting pressures for univariate and grid, e.g. 10,10. Default: best uniform pressure.", "P", _DECODER
         ),
     ] = None
     within: Annotated[
         str | None,
-        typer.Option(
-            "--range",
-            metavar="LOW,HIGH",
-            help="Pressure range, in pseudo-units, not for bayes. Default: set by the readings.",
-            rich_help_panel=_DECODER,
+        option(
+            "Pressure range, in pseudo-units, not for bayes. Default: set by the readings.",
+            "LOW,HIGH",
+            _DECODER,
+            name="--range",
         ),
     ] = None
     grid_step: Annotated[
         float | None,
-        typer.Option(
-            metavar="P",
-            help="Grid spacing for the grid decoder, in pseudo-units. Default: range / 30.",
-            rich_help_panel=_DECODER,
+        option(
+            "Grid spacing for the grid decoder, in pseudo-units. Default: range / 30.",
+            "P",
+            _DECODER,
+            within=(1e-6, _LARGEST),
         ),
     ] = None
     seed: SeedOption = 0
@@ -473,30 +418,29 @@ class DecodeRequest:
 @takes(DecodeRequest)
 def decode_command(request: DecodeRequest) -> None:
     """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        name = named("--decoder", request.decoder, DECODERS)
-        by = None if request.operator is None else named("--operator", request.operator, OPERATORS)
-        receptor, at = receptor_of(request.gain, request.threshold), named("--noise", request.noise, NOISE_PLACES)
-        added, kind = noise_of(request.snr_db, at, request.seed), named("--energy", request.energy, ENERGIES)
-        search = search_of(request.start, request.within, request.grid_step, request.seed)
-        sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
-        half_lengths = axial_of(request.axial)
-        checked_picture(request.picture)
-        finger = load_config(request.config).finger
-        source = _source(request, finger)
-        whole = isinstance(source, FileReadings) and (source.z_mm is not None or request.axial is not None)
-        task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
-        model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
-        with busy(f"{model}, then estimating the pressures …", as_json=request.as_json):
-            found = _decoded(task)
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                draw(found, request.picture)
-        if request.as_json:
-            print_json(as_json_object(name, finger, found))
-        else:
-            print_decoded(finger, name, found)
+    name, at = request.decoder, request.noise
+    receptor = receptor_of(request.gain, request.threshold)
+    added = None if request.snr_db is None else Noise(request.snr_db, at, request.seed)
+    search = search_of(request.start, request.within, request.grid_step, request.seed)
+    sampling = Sampling(request.spacing_mm, request.half_length, "skin", request.receptor_depth_mm)
+    half_lengths = axial_of(request.axial)
+    checked_picture(request.picture)
+    finger = load_config(request.config).finger
+    source = _source(request, finger)
+    whole = isinstance(source, FileReadings) and (source.z_mm is not None or request.axial is not None)
+    task = DecodeTask(
+        source, name, request.operator, request.energy, receptor, added, at, sampling, half_lengths, search, finger
+    )
+    model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
+    with busy(f"{model}, then estimating the pressures …"):
+        found = _decoded(task)
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            draw(found, request.picture)
+    if writes_json():
+        print_json(as_json_object(name, finger, found))
+    else:
+        print_decoded(finger, name, found)
 
 
 def _source(request: DecodeRequest, finger: FingertipConfig) -> Array | SectionPress | FileReadings:

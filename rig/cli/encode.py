@@ -2,11 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
@@ -24,18 +22,22 @@ from rig.cli.coding_options import (
     SeedOption,
     SnrOption,
     SpacingOption,
-    named,
-    noise_of,
     press_of,
     pressures_of,
-    sampling_of,
 )
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, bounded, checked_picture, write_picture
-from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
-from rig.cli.request import ExactlyOne, Rule, refuse, takes
+from rig.cli.options import (
+    FingertipOption,
+    JsonOption,
+    PictureOption,
+    checked_picture,
+    option,
+    write_picture,
+)
+from rig.cli.output import busy, complain, err, out, print_json, say_now, writes_json
+from rig.cli.request import ExactlyOne, Rule, takes
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.encoding import RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
 from sim.coding.operators import (
     NAMES,
     OPERATORS,
@@ -45,11 +47,11 @@ from sim.coding.operators import (
     impulse_responses,
     shift_errors,
 )
-from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
+from sim.coding.point_spread import HALF_WIDTH_MM, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
 from sim.coding.power_law import PowerLaw
-from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, cached_sites
-from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
+from sim.coding.raju_table_6_1 import DRAWN, AllSites, Sampled, Where, cached_sites
+from sim.coding.section import AXES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
 from sim.coding.task import AgainstFiniteElementsJson, EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
@@ -223,44 +225,30 @@ class EncodeRequest:
     """Arguments and options of `rig encode`."""
 
     pressure: Annotated[
-        str | None,
-        typer.Option(
-            metavar="P",
-            help="Skin pressures in pseudo-units: 20,14, or a CSV with a column pressure.",
-            rich_help_panel=INPUT,
-        ),
+        str | None, option("Skin pressures in pseudo-units: 20,14, or a CSV with a column pressure.", "P", INPUT)
     ] = None
     shape: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="Indentor that lies along the finger, as in rig indent, e.g. bar:3.0.",
-            rich_help_panel=INPUT,
-        ),
+        str | None, option("Indentor that lies along the finger, as in rig indent, e.g. bar:3.0.", "S", INPUT)
     ] = None
     x_mm: AcrossOption = 0.0
     doi_mm: DoiOption = None
     operator: Annotated[
-        str,
-        typer.Option(
-            metavar="O",
-            help=f"Operator from pressure to strain energy density (SED): {' or '.join(OPERATORS)}.",
-            rich_help_panel=SAMPLING,
-        ),
+        OperatorName,
+        option(f"Operator from pressure to strain energy density (SED): {' or '.join(OPERATORS)}.", "O", SAMPLING),
     ] = "convolution"
     energy: EnergyOption = "finite"
     snr_db: SnrOption = None
     noise: NoisePlaceOption = "receptor"
     gain: Annotated[
-        float,
-        typer.Option(metavar="K", help="Gain k, rate = k (SED − threshold), per unit of SED.", rich_help_panel=NOISE),
+        float, option("Gain k, rate = k (SED − threshold), per unit of SED.", "K", NOISE, within=(1e-9, 1e9))
     ] = 1.0
     threshold: Annotated[
         float | None,
-        typer.Option(
-            metavar="S0",
-            help="Threshold S₀ of the receptor, in pseudo-units of SED. Default: no receptor.",
-            rich_help_panel=NOISE,
+        option(
+            "Threshold S₀ of the receptor, in pseudo-units of SED. Default: no receptor.",
+            "S0",
+            NOISE,
+            within=(0, 1e9),
         ),
     ] = None
     seed: SeedOption = 0
@@ -277,46 +265,31 @@ class EncodeRequest:
 @takes(EncodeRequest)
 def encode_command(request: EncodeRequest) -> None:
     """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        kind, by = named("--energy", request.energy, ENERGIES), named("--operator", request.operator, OPERATORS)
-        at, sampling = (
-            named("--noise", request.noise, NOISE_PLACES),
-            sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm),
-        )
-        added = noise_of(request.snr_db, at, request.seed)
-        receptor = (
-            None
-            if request.threshold is None
-            else Receptor(
-                bounded("--gain", request.gain, 1e-9, 1e9), bounded("--threshold", request.threshold, 0, 1e9)
+    sampling = Sampling(request.spacing_mm, request.half_length, "skin", request.receptor_depth_mm)
+    added = None if request.snr_db is None else Noise(request.snr_db, request.noise, request.seed)
+    receptor = None if request.threshold is None else Receptor(request.gain, request.threshold)
+    checked_picture(request.picture)
+    if request.shape is not None:
+        source: NDArray[np.float64] | SectionPress = press_of(request.shape, request.x_mm, request.doi_mm)
+    else:
+        assert request.pressure is not None
+        source = pressures_of(request.pressure, sampling.spacing_mm)
+    with busy("plane-strain section: building it, then computing the readings …"):
+        finger = load_config(request.config).finger
+        found = encode_task(EncodeTask(source, request.operator, request.energy, receptor, added, sampling, finger))
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            from rig.report import coding_figures as figures  # matplotlib is slow to import
+
+            load, encoded = found
+            drawn = figures.EncodingPlot(
+                load.operator, load.pressure, encoded, load.true, receptor=receptor is not None
             )
-        )
-        checked_picture(request.picture)
-        if request.shape is not None:
-            source: NDArray[np.float64] | SectionPress = press_of(request.shape, request.x_mm, request.doi_mm)
-        else:
-            assert request.pressure is not None
-            source = pressures_of(request.pressure, sampling.spacing_mm)
-        with busy("plane-strain section: building it, then computing the readings …", as_json=request.as_json):
-            finger = load_config(request.config).finger
-            found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                _draw(found, request.picture, receptor=receptor is not None)
-        if request.as_json:
-            print_json(_as_json(found, receptor, at))
-        else:
-            _print(found, added, receptor)
-
-
-def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
-    from rig.report.coding_figures import EncodingPlot as Drawn  # matplotlib is slow to import
-    from rig.report.coding_figures import encoding_figure
-
-    load = found.load
-    drawn = Drawn(load.operator, load.pressure, found.encoded, load.true, receptor=receptor)
-    write_picture(encoding_figure(drawn), picture)
+            write_picture(figures.encoding_figure(drawn), request.picture)
+    if writes_json():
+        print_json(_as_json(found, receptor, request.noise))
+    else:
+        _print(found, added, receptor)
 
 
 def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> EncodeJson:
@@ -388,39 +361,32 @@ class ImpulseRequest:
 @takes(ImpulseRequest)
 def impulse_command(request: ImpulseRequest) -> None:
     """Print h, g, f, the difference of h from −g, and the error of shifting them, in skin and Cartesian axes."""
-    with one_line_errors(as_json=request.as_json):
-        kind = named("--energy", request.energy, ENERGIES)
-        sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
-        checked_picture(request.picture)
-        finger = load_config(request.config).finger
-        with busy(
-            "two plane-strain sections: building them, then computing the responses …", as_json=request.as_json
-        ):
-            found = {axes: _found(finger, replace(sampling, axes=axes), kind) for axes in AXES}
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                _draw_impulse(found, request.picture)
-        if request.as_json:
-            result: ImpulseJson = {
-                "energy": kind,
-                "skin": _as_json_impulse(*found["skin"]),
-                "cartesian": _as_json_impulse(*found["cartesian"]),
-            }
-            print_json(result)
-        else:
-            _print_impulse(found, kind)
+    kind = request.energy
+    sampling = Sampling(request.spacing_mm, request.half_length, "skin", request.receptor_depth_mm)
+    checked_picture(request.picture)
+    finger = load_config(request.config).finger
+    with busy("two plane-strain sections: building them, then computing the responses …"):
+        found = {axes: _found(finger, replace(sampling, axes=axes), kind) for axes in AXES}
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            from rig.report import coding_figures as figures  # matplotlib is slow to import
+
+            plots = {str(axes): figures.ImpulsePlot(*both) for axes, both in found.items()}
+            write_picture(figures.impulse_figure(plots), request.picture)
+    if writes_json():
+        result: ImpulseJson = {
+            "energy": kind,
+            "skin": _as_json_impulse(*found["skin"]),
+            "cartesian": _as_json_impulse(*found["cartesian"]),
+        }
+        print_json(result)
+    else:
+        _print_impulse(found, kind)
 
 
 def _found(finger: FingertipConfig, sampling: Sampling, energy: Energy) -> Found:
     section = sampled_section(finger, sampling)
     return impulse_responses(section), shift_errors(section, energy, int(_FARTHEST * sampling.half_length))
-
-
-def _draw_impulse(found: dict[Any, Found], picture: Path) -> None:
-    from rig.report.coding_figures import ImpulsePlot as Drawn  # matplotlib is slow to import
-    from rig.report.coding_figures import impulse_figure
-
-    write_picture(impulse_figure({axes: Drawn(*both) for axes, both in found.items()}), picture)
 
 
 def _as_json_impulse(responses: ImpulseResponses, errors: ShiftErrors) -> ImpulseResponsesJson:
@@ -491,13 +457,10 @@ class ShiftInvarianceRequest:
     """Options of `rig shift-invariance`."""
 
     force_gwt: Annotated[
-        float, typer.Option(metavar="F", help="Force of each point load, 0.001 to 100 gwt.", rich_help_panel=SAMPLING)
+        float, option("Force of each point load, {within} gwt.", "F", SAMPLING, within=(1e-3, 100.0))
     ] = 1.0
     half_width_mm: Annotated[
-        float,
-        typer.Option(
-            metavar="MM", help="Half-width of the area around each site, 0.5 to 4 mm.", rich_help_panel=SAMPLING
-        ),
+        float, option("Half-width of the area around each site, {within} mm.", "MM", SAMPLING, within=(0.5, 4.0))
     ] = HALF_WIDTH_MM
     spacing_mm: SpacingOption = SITE_SPACING_MM
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM
@@ -509,23 +472,20 @@ class ShiftInvarianceRequest:
 @takes(ShiftInvarianceRequest)
 def shift_invariance_command(request: ShiftInvarianceRequest) -> None:
     """Fit SED = A / r^m under 24 equal point loads, and print A and m beside the source's Table 6.1."""
-    with one_line_errors(as_json=request.as_json):
-        sampled = Sampled(
-            bounded("--spacing-mm", request.spacing_mm, 0.05, 0.5),
-            bounded("--half-width-mm", request.half_width_mm, 0.5, 4.0),
-            bounded("--receptor-depth-mm", request.receptor_depth_mm, 0.1, 3.0),
-            bounded("--force-gwt", request.force_gwt, 1e-3, 100.0),
-        )
-        checked_picture(request.picture)
-        settings = load_config(request.config).finger
-        with busy(_BUSY, as_json=request.as_json):
-            found, deformed = cached_sites(settings, sampled, None if request.as_json else _report_progress)
-            if request.picture is not None:
-                _draw_shift_invariance(deformed, found.sites[DRAWN], request.picture)
-        if request.as_json:
-            print_json(_as_json_shift_invariance(found, sampled))
-        else:
-            _print_shift_invariance(found, sampled)
+    sampled = Sampled(request.spacing_mm, request.half_width_mm, request.receptor_depth_mm, request.force_gwt)
+    checked_picture(request.picture)
+    settings = load_config(request.config).finger
+    with busy(_BUSY):
+        found, deformed = cached_sites(settings, sampled, None if writes_json() else _report_progress)
+        if request.picture is not None:
+            from rig.report import coding_figures as figures  # matplotlib is slow to import
+
+            drawn = figures.PointSpreadPlot(deformed, found.sites[DRAWN])
+            write_picture(figures.point_spread_figure(drawn), request.picture)
+    if writes_json():
+        print_json(_as_json_shift_invariance(found, sampled))
+    else:
+        _print_shift_invariance(found, sampled)
 
 
 def _report_progress(done: int, of: int) -> None:
@@ -534,13 +494,6 @@ def _report_progress(done: int, of: int) -> None:
         say_now(f"computing strain at {done} of {of} receptors …")
     if done == of >= _LINE_EVERY:
         say_now("factorizing the stiffness, then solving 24 point loads …")
-
-
-def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> None:
-    from rig.report.coding_figures import PointSpreadPlot as Drawn  # matplotlib is slow to import
-    from rig.report.coding_figures import point_spread_figure
-
-    write_picture(point_spread_figure(Drawn(deformed, site)), picture)
 
 
 def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> ShiftInvarianceJson:
@@ -624,8 +577,6 @@ def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:
             ("logarithmic", found.laws(where, "logarithmic")),
             ("printed", found.published(where)),
         ):
-            out.print(f"{name}, {kind:<12}{_law_text(mean_over(laws), 1.0 if kind == 'printed' else factor)}")
-
-
-def _law_text(mean: Mean, factor: float) -> str:
-    return f"m {mean.m:.3f} ± {mean.m_spread:.1%}, A {factor * mean.a:.2f} ± {mean.a_spread:.1%}"
+            mean, times = mean_over(laws), 1.0 if kind == "printed" else factor
+            said = f"m {mean.m:.3f} ± {mean.m_spread:.1%}, A {times * mean.a:.2f} ± {mean.a_spread:.1%}"
+            out.print(f"{name}, {kind:<12}{said}")

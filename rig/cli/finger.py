@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated, Literal, NotRequired
 
 import numpy as np
-import typer
 
-from rig.cli.options import FingertipOption, JsonOption, checked_file
-from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.options import FingertipOption, JsonOption, checked_file, option
+from rig.cli.output import THE_FINGER, busy, complain, err, out, print_json, reporting_errors, writes_json
 from rig.cli.request import takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
@@ -82,36 +81,36 @@ class FingerJson(MeshJson):
     quality: MeshQualityJson
 
 
+@reporting_errors
 def finger_command(
     config: FingertipOption = None,
-    vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh to a new VTK file.")] = None,
+    vtk: Annotated[Path | None, option("Write the mesh to a new VTK file.", "FILE.vtk")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print fit, apex, layers and mesh quality; reject a finger without a valid mesh."""
-    with one_line_errors(as_json=as_json):
-        if vtk is not None and vtk.exists():
-            raise BadInputError(f"--vtk {vtk}: the file already exists; choose another name", "exists_already")
-        settings = load_config(config).finger
-        with busy("fitting the skin and building the mesh …", quick=True):
-            surface = FingertipSurface.fit(settings.geometry)
-            place_receptors(surface, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, settings.receptor_plane_mm)
-            mesh = build_mesh(settings, surface)
-            quality = mesh_quality(mesh.nodes, mesh.hexes)
-        if vtk is not None:
-            with busy("writing the mesh …", quick=True):
-                write_vtk(vtk, mesh, quality)
-        found: FingerJson = {
-            "skin": _skin(surface),
-            "apex": _apex(surface),
-            **_mesh(settings, mesh),
-            "quality": _quality(quality),
-        }
-        if as_json:
-            print_json(found)
-        else:
-            _print(found)
-        for doubt in _doubts(found, settings):
-            complain(doubt)
+    if vtk is not None and vtk.exists():
+        raise BadInputError(f"--vtk {vtk}: the file already exists; choose another name", "exists_already")
+    settings = load_config(config).finger
+    with busy("fitting the skin and building the mesh …", quick=True):
+        surface = FingertipSurface.fit(settings.geometry)
+        place_receptors(surface, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, settings.receptor_plane_mm)
+        mesh = build_mesh(settings, surface)
+        quality = mesh_quality(mesh.nodes, mesh.hexes)
+    if vtk is not None:
+        with busy("writing the mesh …", quick=True):
+            write_vtk(vtk, mesh, quality)
+    found: FingerJson = {
+        "skin": _skin(surface),
+        "apex": _apex(surface),
+        **_mesh(settings, mesh),
+        "quality": _quality(quality),
+    }
+    if writes_json():
+        print_json(found)
+    else:
+        _print(found)
+    for doubt in _doubts(found, settings):
+        complain(doubt)
 
 
 def _skin(surface: FingertipSurface) -> SkinJson:
@@ -227,48 +226,45 @@ def _doubts(found: FingerJson, config: FingertipConfig) -> Iterator[str]:
 class ExportDeckRequest:
     """Options of `rig export-deck`."""
 
-    shape: Annotated[str, typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.")]
-    x_mm: Annotated[float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.")]
-    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth of indentation (DOI), in mm.")]
-    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="CalculiX deck to write, a new file.")]
-    loads: Annotated[bool, typer.Option("--loads", help="Write the contact forces as loads instead of contact.")] = (
-        False
-    )
+    shape: Annotated[str, option("Indentor along the finger, as in rig indent.", "S")]
+    x_mm: Annotated[float, option("x of the indentor from the pad center, in mm.", "X")]
+    doi_mm: Annotated[float, option("Depth of indentation (DOI), in mm.", "D")]
+    out_file: Annotated[Path, option("CalculiX deck to write, a new file.", "FILE.inp", name="--out")]
+    loads: Annotated[bool, option("Write the contact forces as loads instead of contact.", name="--loads")] = False
     config: FingertipOption = None
 
 
 @takes(ExportDeckRequest)
 def export_deck_command(request: ExportDeckRequest) -> None:
     """Solve the scene, write it for CalculiX, and print the expected result."""
-    with one_line_errors(as_json=False):
-        out_file = request.out_file
-        if out_file.exists():
-            raise BadInputError(f"--out {out_file}: the file already exists; choose another name", "exists_already")
-        checked_file("--out", out_file, ".inp")
-        indentor = parse_shape(request.shape)
-        if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
-            raise BadInputError(
-                f"--shape {request.shape}: a deck supports only shapes that lie along the finger; choose one of them",
-                "not_along",
-            )
-        settings = load_config(request.config).finger
-        settings = settings.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
-        with busy(THE_FINGER):
-            finger = Fingertip.load(settings)
-        with busy(f"pressing {request.shape} …", quick=True):
-            result = finger.indent(indentor, request.x_mm, doi_mm=request.doi_mm)
-        meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
-        with busy("writing the deck …", quick=True):
-            if request.loads:
-                active = result.state.active
-                force = np.zeros((int(active.sum()), 3))
-                force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
-                write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
-            else:
-                touch_mm = result.touch_height_mm
-                write_contact_deck(out_file, meshed, indentor.profile, request.x_mm, touch_mm, request.doi_mm)
-        if settings.mesh.element != "full":
-            err.print('rig: CalculiX\'s C3D8 is fully integrated; to compare, set mesh.element = "full"')
-        out.print(
-            f"{out_file}: the expected total reaction is {-result.force_n:.6g} N along y; {result.small_strain.note}"
+    out_file = request.out_file
+    if out_file.exists():
+        raise BadInputError(f"--out {out_file}: the file already exists; choose another name", "exists_already")
+    checked_file("--out", out_file, ".inp")
+    indentor = parse_shape(request.shape)
+    if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
+        raise BadInputError(
+            f"--shape {request.shape}: a deck supports only shapes that lie along the finger; choose one of them",
+            "not_along",
         )
+    settings = load_config(request.config).finger
+    settings = settings.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
+    with busy(THE_FINGER):
+        finger = Fingertip.load(settings)
+    with busy(f"pressing {request.shape} …", quick=True):
+        result = finger.indent(indentor, request.x_mm, doi_mm=request.doi_mm)
+    meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
+    with busy("writing the deck …", quick=True):
+        if request.loads:
+            active = result.state.active
+            force = np.zeros((int(active.sum()), 3))
+            force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
+            write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
+        else:
+            touch_mm = result.touch_height_mm
+            write_contact_deck(out_file, meshed, indentor.profile, request.x_mm, touch_mm, request.doi_mm)
+    if settings.mesh.element != "full":
+        err.print('rig: CalculiX\'s C3D8 is fully integrated; to compare, set mesh.element = "full"')
+    out.print(
+        f"{out_file}: the expected total reaction is {-result.force_n:.6g} N along y; {result.small_strain.note}"
+    )

@@ -21,8 +21,21 @@ from rig.cli.options import (
     YesOption,
     bounded,
     checked_file,
+    option,
 )
-from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.output import (
+    THE_FINGER,
+    ExitCode,
+    before_motion,
+    busy,
+    complain,
+    err,
+    out,
+    print_json,
+    print_lines,
+    reporting_errors,
+    writes_json,
+)
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
@@ -67,7 +80,7 @@ from rig.protocol.script import Script, load_script
 from rig.report.identification_page import ForceBand, IdentificationPage, write_identification_page
 from rig.report.page_source import source_line
 from rig.report.style import signed
-from rig.session.session import FinishedRun, NewRun, Session
+from rig.session.session import FinishedRun, Session
 from rig.study.parallel import spread
 from rig.units import GWT_N, unit_of_key
 from rig_shared.outputs import Code, File, Output, Ratio, Shape, Toml, Unit
@@ -389,34 +402,24 @@ class IdentifyRequest:
     ] = None
     more: MoreArgument = None
     config: FingerConfigOption = None
-    dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False
-    to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml")
+    dry: Annotated[bool, option("Use virtual devices and the configured finger.", name="--dry-run")] = False
+    to: Annotated[Path, option("Finger file to write.", "TOML")] = Path("finger.toml")
     width: Annotated[
         float,
-        typer.Option(
-            metavar="PERCENT",
-            help="Stop when the 90 % bands of all forces are within ± this value, 1 to 50 %.",
-            rich_help_panel=_PRESSES,
+        option(
+            "Stop when the 90 % bands of all forces are within ± this value, {within} %.",
+            "PERCENT",
+            _PRESSES,
+            within=(1, 50),
         ),
     ] = 8.0
-    presses: Annotated[
-        int, typer.Option(metavar="N", min=1, max=8, help="Maximum number of presses.", rich_help_panel=_PRESSES)
-    ] = 8
+    presses: Annotated[int, option("Maximum number of presses.", "N", _PRESSES, min=1, max=8)] = 8
     most_gwt: Annotated[
         float,
-        typer.Option(
-            metavar="GWT",
-            help="Do not press where the predicted force is larger, 1 gwt to limits.max_force_gwt.",
-            rich_help_panel=_PRESSES,
-        ),
+        option("Do not press where the predicted force is larger, 1 gwt to limits.max_force_gwt.", "GWT", _PRESSES),
     ] = 20.0
     shapes: Annotated[
-        str,
-        typer.Option(
-            metavar="S,S",
-            help="Indentors that you can mount, separated by commas, e.g. sphere:r=2,bar:3.",
-            rich_help_panel=_PRESSES,
-        ),
+        str, option("Indentors that you can mount, separated by commas, e.g. sphere:r=2,bar:3.", "S,S", _PRESSES)
     ] = ",".join(SHAPES)
     out_dir: OutOption = Path("runs")
     subject: SubjectOption = None
@@ -428,10 +431,10 @@ class IdentifyRequest:
 @takes(IdentifyRequest)
 def identify_command(request: IdentifyRequest) -> None:
     """Press gently, print the result of each press, and write the finger file."""
-    beginning = Beginning(aloud=not request.dry)
-    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
+    begins = before_motion(aloud=not request.dry)
+    with ExitStack() as opened:
         settings = with_reliable_touch(load_config(request.config))
-        _refuse(request.width, request.most_gwt, settings)
+        bounded("--most-gwt", request.most_gwt, 1, settings.limits.max_force_gwt)
         checked_file("--to", request.to, ".toml")
         names = tuple(one.strip() for one in request.shapes.split(","))
         for name in (*names, *([] if request.mounted is None else [request.mounted])):
@@ -444,11 +447,15 @@ def identify_command(request: IdentifyRequest) -> None:
             ready_for_a_real_run("identify", settings, request.out_dir, yes=request.yes)
             refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
-        stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
-        run = RequestedRun(as_script(_nothing_yet), settings, into, beginning.begins, request.as_json)
+        stage = (
+            None
+            if request.dry
+            else opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
+        )
+        run = RequestedRun(as_script(_nothing_yet), settings, into, begins)
         owner = opened.enter_context(owning(run, stage, request.config))
         process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
-        finger = loaded(settings, process, as_json=False)
+        finger = loaded(settings, process)
         with busy("checking the script …", quick=True):
             goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
         options = IdentificationOptions(goals, request.width / 100, request.presses, request.most_gwt, names)
@@ -471,18 +478,12 @@ def identify_command(request: IdentifyRequest) -> None:
         session = Session(script.as_script(), settings, finger, Plan(), into)
         if stage is not None:
             lines = page_lines(settings, options, expected)
-            confirmed_with(lines, yes=request.yes, asking=owner.asking, button=owner.button)
+            confirmed_with(owner, lines, yes=request.yes)
         done = _carried_out(run, session, script, owner, on_the_bench(stage, owner, request.mounted))
         with busy("writing the finger file and the page …", quick=True):
             _write(done, identification, settings, request.to)
-        _print(done, identification, request.to, as_json=request.as_json)
+        _print(done, identification, request.to)
     _leave(done, identification, request.to)
-
-
-def _refuse(width: float, most_gwt: float, settings: Config) -> None:
-    if not 1 <= width <= 50:
-        raise BadInputError(f"--width {width:g}: must be 1 to 50 %", "outside_range")
-    bounded("--most-gwt", most_gwt, 1, settings.limits.max_force_gwt)
 
 
 def _nothing_yet(rig: Rig) -> None:
@@ -491,11 +492,7 @@ def _nothing_yet(rig: Rig) -> None:
 
 def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> Iterator[A]:
     """Compute the items on all cores, with a progress bar."""
-    return counted(spread(function, items) if items else (), len(items), f"{what}, computed once", quiet=False)
-
-
-def _stage(settings: Config, into: NewRun) -> OwnedStage:
-    return OwnedStage(settings, WallClock(into.begins_at_s)).open()
+    return counted(spread(function, items) if items else (), len(items), f"{what}, computed once")
 
 
 def _carried_out(
@@ -507,7 +504,7 @@ def _carried_out(
 ) -> FinishedRun:
     owner.at("running")
     # In a pipe each press has its own lines.
-    shown = progress(script.identification.options.presses, None, as_json=True)
+    shown = progress(script.identification.options.presses, None, lines=False)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = IdentificationAttendant(pause, watch, run.begins, None, owner)
         attendant.script = script
@@ -549,14 +546,12 @@ def _write(done: FinishedRun, identification: Identification, settings: Config, 
     done.folder.write_checksums()
 
 
-def _print(done: FinishedRun, identification: Identification, to: Path, *, as_json: bool) -> None:
+def _print(done: FinishedRun, identification: Identification, to: Path) -> None:
     """Print the results."""
-    if as_json:
+    if writes_json():
         print_json(_as_json(done, identification, to))
         return
-    for about, words in final_lines(done, identification, to).items():
-        for line in words if isinstance(words, list) else [words]:
-            out.print(f"{about:<12}{line}")
+    print_lines(final_lines(done, identification, to).items(), 12)
     if done.problem is not None:
         err.print(
             "the finger file contains the estimate from the presses before the end"
@@ -568,39 +563,38 @@ def _print(done: FinishedRun, identification: Identification, to: Path, *, as_js
 _LARGEST_TURN_DEG = 3.0
 
 
+@reporting_errors
 def find_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run with touches at several positions.")],
     as_json: JsonOption = False,
 ) -> None:
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
-    with one_line_errors(as_json=as_json):
-        with busy("reading the run …", quick=True):
-            recorded, settings = recorded_run(run), load_config(run / "config.toml")
-        with busy(THE_FINGER, quick=True):
-            finger = Fingertip.load(settings.finger)
-        with busy("fitting the pad to the touches …", quick=True):
-            lie = find(recorded, settings, finger)
-        if as_json:
-            found: FindJson = {
-                "value": frame_as_json(lie.value),
-                "sd": frame_as_json(lie.sd),
-                "correlation": lie.correlation.tolist(),
-                "residual_mm": lie.residual_mm,
-                "touches": lie.touches,
-                "toml": lie.as_toml(),
-            }
-            if warnings := warnings_as_json([recorded]):
-                found["warnings"] = warnings
-            print_json(found)
-        else:
-            out.print(
-                f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "
-                f"surface\n\n{lie.as_toml()}"
+    with busy("reading the run …", quick=True):
+        recorded, settings = recorded_run(run), load_config(run / "config.toml")
+    with busy(THE_FINGER, quick=True):
+        finger = Fingertip.load(settings.finger)
+    with busy("fitting the pad to the touches …", quick=True):
+        lie = find(recorded, settings, finger)
+    if writes_json():
+        found: FindJson = {
+            "value": frame_as_json(lie.value),
+            "sd": frame_as_json(lie.sd),
+            "correlation": lie.correlation.tolist(),
+            "residual_mm": lie.residual_mm,
+            "touches": lie.touches,
+            "toml": lie.as_toml(),
+        }
+        if warnings := warnings_as_json([recorded]):
+            found["warnings"] = warnings
+        print_json(found)
+    else:
+        out.print(
+            f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "
+            f"surface\n\n{lie.as_toml()}"
+        )
+    for name in ("roll_deg", "tilt_deg"):
+        turned, sd = lie.value.get(name, 0.0), lie.sd.get(name, 0.0)
+        if abs(turned) > max(_LARGEST_TURN_DEG, 2 * sd):
+            complain(
+                f"{name} = {turned:.1f}°: the stage cannot rotate the finger; rotate the finger holder by this angle"
             )
-        for name in ("roll_deg", "tilt_deg"):
-            turned, sd = lie.value.get(name, 0.0), lie.sd.get(name, 0.0)
-            if abs(turned) > max(_LARGEST_TURN_DEG, 2 * sd):
-                complain(
-                    f"{name} = {turned:.1f}°: the stage cannot rotate the finger; rotate the finger "
-                    "holder by this angle"
-                )

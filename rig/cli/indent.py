@@ -18,10 +18,11 @@ from rig.cli.options import (
     bounded,
     checked_picture,
     numbers,
+    option,
     write_picture,
 )
-from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.cli.request import Excludes, Needs, Rule, refuse, takes
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, out, print_json, writes_json
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.compare.recordings.deflection import DeflectionJson, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
@@ -225,7 +226,7 @@ class ModelRequest:
             doi_mm=press.doi_mm,
             force_gwt=press.force_gwt,
             aim=self.aim,
-            reference=_reference(press.reference),
+            reference=press.reference,
             config=config,
         )
         return Chosen(found.model, found, self.length_mm)
@@ -250,115 +251,65 @@ _SAME = 1e-8
 class IndentRequest:
     """Arguments and options of `rig indent`."""
 
-    shape: Annotated[str, typer.Option(metavar="S", help=f"Indentor: {EXPECTED}; or point.", rich_help_panel=_PRESS)]
+    shape: Annotated[str, option(f"Indentor: {EXPECTED}; or point.", "S", _PRESS)]
     x_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="X", help="x of the indentor from the pad center, in mm. Default: 0.", rich_help_panel=_PRESS
-        ),
+        float | None, option("x of the indentor from the pad center, in mm. Default: 0.", "X", _PRESS)
     ] = None
     doi_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D", help="Depth of indentation (DOI), in mm. Give this or --force-gwt.", rich_help_panel=_PRESS
-        ),
+        float | None, option("Depth of indentation (DOI), in mm. Give this or --force-gwt.", "D", _PRESS)
     ] = None
     force_gwt: Annotated[
-        float | None,
-        typer.Option(
-            metavar="F", help="Force to reach, in gwt (gram-weight). Give this or --doi-mm.", rich_help_panel=_PRESS
-        ),
+        float | None, option("Force to reach, in gwt (gram-weight). Give this or --doi-mm.", "F", _PRESS)
     ] = None
     z_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="Z",
-            help="z along the finger, in mm, for line, round shapes and point. Default: the receptor plane.",
-            rich_help_panel=_PRESS,
+        option(
+            "z along the finger, in mm, for line, round shapes and point. Default: the receptor plane.", "Z", _PRESS
         ),
     ] = None
-    model: Annotated[
-        str,
-        typer.Option(metavar="M", help=f"Model: {', '.join(reversed(MODELS))} or auto.", rich_help_panel=_MODEL),
-    ] = "finger"
+    model: Annotated[str, option(f"Model: {', '.join(reversed(MODELS))} or auto.", "M", _MODEL)] = "finger"
     tolerance: Annotated[
         str | None,
-        typer.Option(
-            "--tol",
-            metavar="T",
-            help=f"Relative error that auto allows, e.g. 0.02. Default: {TOLERANCE}.",
-            rich_help_panel=_MODEL,
-        ),
+        option(f"Relative error that auto allows, e.g. 0.02. Default: {TOLERANCE}.", "T", _MODEL, name="--tol"),
     ] = None
     quantity: Annotated[
         str | None,
-        typer.Option(
-            metavar="Q,Q…",
-            help=f"Quantities that auto holds to --tol: {', '.join(QUANTITIES)}. Default: {QUANTITY}.",
-            rich_help_panel=_MODEL,
-        ),
+        option(f"Quantities that auto holds to --tol: {', '.join(QUANTITIES)}. Default: {QUANTITY}.", "Q,Q…", _MODEL),
     ] = None
     length_mm: Annotated[
         float | None,
-        typer.Option(
-            metavar="L",
-            help="Length that multiplies the force per mm of a section, up to 50 mm. Default: force in N/mm.",
-            rich_help_panel=_MODEL,
+        option(
+            "Length that multiplies the force per mm of a section, up to 50 mm. Default: force in N/mm.", "L", _MODEL
         ),
     ] = None
     receptor_x_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,X…",
-            help="Receptor x, in mm, also FROM:TO:STEP. Default: ten receptors.",
-            rich_help_panel=_RECEPTORS,
-        ),
+        str | None, option("Receptor x, in mm, also FROM:TO:STEP. Default: ten receptors.", "X,X…", _RECEPTORS)
     ] = None
     receptor_depth_mm: Annotated[
-        str,
-        typer.Option(
-            metavar="D,D…", help="Depths of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS
-        ),
+        str, option("Depths of the receptors below the skin, in mm.", "D,D…", _RECEPTORS)
     ] = f"{DEFAULT_DEPTH_MM:g}"
     receptor_z_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="Z,Z…",
-            help="Receptor z along the finger, in mm. Default: the receptor plane.",
-            rich_help_panel=_RECEPTORS,
-        ),
+        str | None, option("Receptor z along the finger, in mm. Default: the receptor plane.", "Z,Z…", _RECEPTORS)
     ] = None
     reference: Annotated[
-        str,
-        typer.Option(metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS),
+        Literal["contact", "apex"], option("Zero of DOI: first contact or the apex.", "contact|apex", _PRESS)
     ] = "contact"
     friction: Annotated[
         float,
-        typer.Option(
-            metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_PRESS, show_default=False
-        ),
+        option("Friction coefficient. Default: 0.", "MU", _PRESS, within=(0, MOST_FRICTION), show_default=False),
     ] = 0.0
     config: FingertipOption = None
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.svg", help="Plot the contact to a new .svg or .png file.", rich_help_panel=_OUTPUT
-        ),
-    ] = None
+    picture: Annotated[Path | None, option("Plot the contact to a new .svg or .png file.", "FILE.svg", _OUTPUT)] = (
+        None
+    )
     deflection: Annotated[
         Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Measured skin deflection to compare (deflection_mm with x_mm, z_mm or both).",
-            rich_help_panel=_OUTPUT,
-        ),
+        option("Measured skin deflection to compare (deflection_mm with x_mm, z_mm or both).", "CSV", _OUTPUT),
     ] = None
     other_paths: Annotated[
         bool,
-        typer.Option(
-            "--other-paths",
-            help="Press in smaller steps too, and report how much the forces differ.",
-            rich_help_panel=_OUTPUT,
+        option(
+            "Press in smaller steps too, and report how much the forces differ.", panel=_OUTPUT, name="--other-paths"
         ),
     ] = False
     as_json: JsonOption = False
@@ -379,56 +330,53 @@ class IndentRequest:
 @takes(IndentRequest)
 def indent_command(request: IndentRequest) -> None:
     """Press once and print force, contact and receptor measures."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
-        bounded("--friction", request.friction, 0, MOST_FRICTION)
-        settings = load_config(request.config)
-        receptors = _receptors(request)
-        origin = _reference(request.reference)
-        checked_picture(request.picture)
-        measured = None if request.deflection is None else read_skin_deflection(request.deflection)
-        indentor = None if request.shape == "point" else parse_shape(request.shape)
-        _refuse_place(request, indentor)
-        if indentor is None:
-            _load_a_point(request, wanted.named(settings.finger), settings.finger, receptors)
-            return
-        wanted.refuse(settings.finger, receptors)
-        chosen = wanted.named(settings.finger) or wanted.choose(request, indentor, settings.finger)
-        if chosen.choice is not None and not request.as_json:
-            out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
-        with busy(THE_FINGER, quick=True):
-            finger = chosen.load(settings.finger, indentor.axes, receptors)
-        force = chosen.force_per_mm(request.force_gwt)
-        press = partial(
-            finger.indent,
-            indentor,
-            request.x_mm or 0.0,
-            z_mm=request.z_mm,
-            reference=origin,
-            other_paths=request.other_paths,
-            friction=request.friction,
-        )
-        with busy(f"pressing {request.shape} …", quick=True):
-            result = press(doi_mm=request.doi_mm, force_gwt=force)
-        if request.picture is not None:
-            with busy("drawing the figure …", quick=True):
-                _draw(result, request.picture)
-        beside = None if measured is None else compared_deflection(result, measured)
-        if request.as_json:
-            answer = chosen.described(result, finger.build_s)
-            if not result.state.converged:
-                answer["code"] = "not_converged"
-            if beside is not None:
-                answer["deflection"] = beside
-            print_json(answer)
-        else:
-            _print(result, chosen, finger.build_s)
-            if beside is not None:
-                out.print(f"  deflection     {in_words(beside)}")
+    wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
+    settings = load_config(request.config)
+    receptors = _receptors(request)
+    origin = request.reference
+    checked_picture(request.picture)
+    measured = None if request.deflection is None else read_skin_deflection(request.deflection)
+    indentor = None if request.shape == "point" else parse_shape(request.shape)
+    _refuse_place(request, indentor)
+    if indentor is None:
+        _load_a_point(request, wanted.named(settings.finger), settings.finger, receptors)
+        return
+    wanted.refuse(settings.finger, receptors)
+    chosen = wanted.named(settings.finger) or wanted.choose(request, indentor, settings.finger)
+    if chosen.choice is not None and not writes_json():
+        out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
+    with busy(THE_FINGER, quick=True):
+        finger = chosen.load(settings.finger, indentor.axes, receptors)
+    force = chosen.force_per_mm(request.force_gwt)
+    press = partial(
+        finger.indent,
+        indentor,
+        request.x_mm or 0.0,
+        z_mm=request.z_mm,
+        reference=origin,
+        other_paths=request.other_paths,
+        friction=request.friction,
+    )
+    with busy(f"pressing {request.shape} …", quick=True):
+        result = press(doi_mm=request.doi_mm, force_gwt=force)
+    if request.picture is not None:
+        with busy("drawing the figure …", quick=True):
+            _draw(result, request.picture)
+    beside = None if measured is None else compared_deflection(result, measured)
+    if writes_json():
+        answer = chosen.described(result, finger.build_s)
         if not result.state.converged:
-            complain(f"not converged, residual {result.state.residual:.1e}")
-            raise typer.Exit(ExitCode.STOPPED)
+            answer["code"] = "not_converged"
+        if beside is not None:
+            answer["deflection"] = beside
+        print_json(answer)
+    else:
+        _print(result, chosen, finger.build_s)
+        if beside is not None:
+            out.print(f"  deflection     {in_words(beside)}")
+    if not result.state.converged:
+        complain(f"not converged, residual {result.state.residual:.1e}")
+        raise typer.Exit(ExitCode.STOPPED)
 
 
 def _load_a_point(
@@ -441,7 +389,7 @@ def _load_a_point(
         finger = chosen.load(config, ALONG, receptors)
     with busy("pressing a point …", quick=True):
         loaded = finger.point_load(request.x_mm or 0.0, force, z_mm=request.z_mm)
-    _print_point_load(loaded, chosen, finger.build_s, as_json=request.as_json)
+    _print_point_load(loaded, chosen, finger.build_s)
 
 
 def _receptors(request: IndentRequest) -> ReceptorPlaces:
@@ -470,8 +418,8 @@ def _draw(result: IndentationResult, picture: Path) -> None:
     write_picture(contacts_from_below([result], [title]), picture)
 
 
-def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
-    if as_json:
+def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float) -> None:
+    if writes_json():
         print_json(chosen.described(result, build_s))
         return
     if chosen.model == "section":
@@ -479,12 +427,6 @@ def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *
     else:
         out.print(f"point load of {result.force_gwt:.4f} gwt at x = {result.x_mm:g}, z = {result.z_mm:g} mm")
     _print_receptors(result)
-
-
-def _reference(text: str) -> Literal["contact", "apex"]:
-    if text not in ("contact", "apex"):
-        raise BadInputError(f"--reference {text!r}: must be contact or apex", "unknown_choice")
-    return "apex" if text == "apex" else "contact"
 
 
 def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:

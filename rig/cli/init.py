@@ -9,13 +9,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from pydantic import ValidationError
 
 from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, PortFoundJson, find_devices, serial_ports
-from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.options import JsonOption, checked_file, option
+from rig.cli.output import NotConfirmedError, busy, complain, err, out, print_json, writes_json
 from rig.cli.request import takes
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -68,80 +67,53 @@ class InitRequest:
 
     port: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="PORT",
-            help="Port to search: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
-            rich_help_panel=_DEVICES,
+        option(
+            "Port to search: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.", "PORT", _DEVICES
         ),
     ] = None
     stage: Annotated[
         str | None,
-        typer.Option(
-            metavar="KIND",
-            help=f"Kind of stage: {either(names('stage'))}. Default: the one that is found.",
-            rich_help_panel=_DEVICES,
-        ),
+        option(f"Kind of stage: {either(names('stage'))}. Default: the one that is found.", "KIND", _DEVICES),
     ] = None
-    stage_port: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PORT", help="Port of the stage. Default: where one is found.", rich_help_panel=_DEVICES
-        ),
-    ] = None
+    stage_port: Annotated[str | None, option("Port of the stage. Default: where one is found.", "PORT", _DEVICES)] = (
+        None
+    )
     sensor: Annotated[
         str | None,
-        typer.Option(
-            metavar="KIND",
-            help=f"Kind of force sensor: {either(names('force'))}. Default: the one that is found.",
-            rich_help_panel=_DEVICES,
-        ),
+        option(f"Kind of force sensor: {either(names('force'))}. Default: the one that is found.", "KIND", _DEVICES),
     ] = None
     sensor_port: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PORT", help="Port of the force sensor. Default: where one is found.", rich_help_panel=_DEVICES
-        ),
+        str | None, option("Port of the force sensor. Default: where one is found.", "PORT", _DEVICES)
     ] = None
     travel_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z", help="Travel of the axes from home, in mm. Default: prompted.", rich_help_panel=_ANSWERS
-        ),
+        str | None, option("Travel of the axes from home, in mm. Default: prompted.", "X,Y,Z", _ANSWERS)
     ] = None
     steps_per_mm: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y,Z|none",
-            help="Motor steps per mm, negative if the motor runs against the axis; none: as set in the controller. "
+        option(
+            "Motor steps per mm, negative if the motor runs against the axis; none: as set in the controller. "
             "Default: prompted.",
-            rich_help_panel=_ANSWERS,
+            "X,Y,Z|none",
+            _ANSWERS,
         ),
     ] = None
     range_gwt: Annotated[
-        str | None,
-        typer.Option(
-            metavar="GWT",
-            help="Largest force that the sensor measures, in gwt. Default: prompted.",
-            rich_help_panel=_ANSWERS,
-        ),
+        str | None, option("Largest force that the sensor measures, in gwt. Default: prompted.", "GWT", _ANSWERS)
     ] = None
     trip_n: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N", help="Force that trips a run, in N, at most 5. Default: prompted.", rich_help_panel=_ANSWERS
-        ),
+        str | None, option("Force that trips a run, in N, at most 5. Default: prompted.", "N", _ANSWERS)
     ] = None
     finger: Annotated[
         str | None,
-        typer.Option(
-            metavar="none|default|human",
-            help="Simulated finger: none yet, the built-in one, or the human-sized example. Default: prompted.",
-            rich_help_panel=_ANSWERS,
+        option(
+            "Simulated finger: none yet, the built-in one, or the human-sized example. Default: prompted.",
+            "none|default|human",
+            _ANSWERS,
         ),
     ] = None
-    to: Annotated[Path, typer.Option("--to", metavar="TOML", help="Configuration file to write.")] = Path("rig.toml")
-    force: Annotated[bool, typer.Option("--replace", help="Replace an existing file.")] = False
-    yes: Annotated[bool, typer.Option("--yes", help="Do not prompt; take all answers from options.")] = False
+    to: Annotated[Path, option("Configuration file to write.", "TOML", name="--to")] = Path("rig.toml")
+    force: Annotated[bool, option("Replace an existing file.", name="--replace")] = False
+    yes: Annotated[bool, option("Do not prompt; take all answers from options.", name="--yes")] = False
     as_json: JsonOption = False
 
 
@@ -151,37 +123,36 @@ def init_command(request: InitRequest) -> None:
 
     Each port is asked with questions only: nothing moves and nothing is zeroed. Opening a port restarts many boards.
     """
-    with one_line_errors(as_json=request.as_json):
-        checked_file("--to", request.to, ".toml")
-        if request.to.exists() and not request.force:
-            raise _exists_already(request.to)
-        given = {
-            "stage": _DeviceOptions(request.stage, request.stage_port),
-            "force": _DeviceOptions(request.sensor, request.sensor_port),
-        }
-        for room in WORDS:
-            _refuse_unknown_kind(room, given[room].kind)
-        found = _looked_at(_ports(request.port, given), quiet=request.as_json and not err.is_terminal)
-        talk = _Talk(interactive=not request.yes and sys.stdin.isatty() and sys.stderr.isatty())
-        draft = _Draft()
-        for room in WORDS:
-            _choose(room, given[room], found, draft, talk)
-        for question in QUESTIONS:
-            question.settle(getattr(request, question.name), draft, talk)
-        talk.refuse_missing()
-        config = draft.config()
-        refuse_bench(config)
-        write_new(request.to, _file(config, draft), replace=request.force)
-        following = shlex.join(["rig", "doctor", "--config", str(request.to)])
-        if request.as_json:
-            written: InitJson = {
-                "config": str(request.to), "ports": [one.as_json() for one in found],
-                "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
-            }  # fmt: skip
-            print_json(written)
-            return
-        out.print(f"wrote {request.to}")
-        out.print(f"next: {following}")
+    checked_file("--to", request.to, ".toml")
+    if request.to.exists() and not request.force:
+        raise _exists_already(request.to)
+    given = {
+        "stage": _DeviceOptions(request.stage, request.stage_port),
+        "force": _DeviceOptions(request.sensor, request.sensor_port),
+    }
+    for room in WORDS:
+        _refuse_unknown_kind(room, given[room].kind)
+    found = _looked_at(_ports(request.port, given), quiet=writes_json() and not err.is_terminal)
+    talk = _Talk(interactive=not request.yes and sys.stdin.isatty() and sys.stderr.isatty())
+    draft = _Draft()
+    for room in WORDS:
+        _choose(room, given[room], found, draft, talk)
+    for question in QUESTIONS:
+        question.settle(getattr(request, question.name), draft, talk)
+    talk.refuse_missing()
+    config = draft.config()
+    refuse_bench(config)
+    write_new(request.to, _file(config, draft), replace=request.force)
+    following = shlex.join(["rig", "doctor", "--config", str(request.to)])
+    if writes_json():
+        written: InitJson = {
+            "config": str(request.to), "ports": [one.as_json() for one in found],
+            "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
+        }  # fmt: skip
+        print_json(written)
+        return
+    out.print(f"wrote {request.to}")
+    out.print(f"next: {following}")
 
 
 @dataclass(frozen=True)
@@ -297,7 +268,7 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
         return []
     tell(f"looking for devices on {', '.join(ports)}; a silent port takes about 10 s …")
     found: list[PortFound] = []
-    with busy("ports asked", as_json=True, total=len(ports)) as now:
+    with busy("ports asked", quick=True, total=len(ports)) as now:
         for one in find_devices(ports, WallClock()):
             tell(f"{one.port}: {one.words}")
             found.append(one)

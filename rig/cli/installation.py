@@ -27,10 +27,10 @@ from rig.bench.checks import (
 )
 from rig.cli import device_catalogue
 from rig.cli.device_catalogue import DeviceKindJson
-from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
-from rig.cli.output import busy, err, one_line_errors, out, print_json
+from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file, option
+from rig.cli.output import busy, err, out, print_json, print_lines, reporting_errors, writes_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, Needs, Rule, refuse, takes
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.data.folder import FileSizeJson
 from rig.data.run import PackageJson
@@ -194,11 +194,9 @@ class ConfigRequest:
     ] = None
     config: FingerConfigOption = None
     devices: Annotated[
-        bool, typer.Option("--devices", help="Print what each kind of device was tested with, and its speed.")
+        bool, option("Print what each kind of device was tested with, and its speed.", name="--devices")
     ] = False
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")] = (
-        False
-    )
+    markdown: Annotated[bool, option("Print a Markdown table for the documentation.", name="--markdown")] = False
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (Excludes("KEY", ("--devices",), "not_together"),)
@@ -207,24 +205,22 @@ class ConfigRequest:
 @takes(ConfigRequest)
 def config_command(request: ConfigRequest) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        if request.devices:
-            _print_devices(markdown=request.markdown, as_json=request.as_json)
-            return
-        loaded = load_config(request.config)
-        others = keys_of_other_kinds(loaded) if request.markdown or request.key is not None else ()
-        found = _named([*keys(loaded), *others], request.key)
-        if request.as_json:
-            configuration: ConfigurationJson = {"keys": [_described(one) for one in found]}
-            print_json(configuration)
-        else:
-            out.print(_page(found) if request.markdown else _file(found), end="")
+    if request.devices:
+        _print_devices(markdown=request.markdown)
+        return
+    loaded = load_config(request.config)
+    others = keys_of_other_kinds(loaded) if request.markdown or request.key is not None else ()
+    found = _named([*keys(loaded), *others], request.key)
+    if writes_json():
+        configuration: ConfigurationJson = {"keys": [_described(one) for one in found]}
+        print_json(configuration)
+    else:
+        out.print(_page(found) if request.markdown else _file(found), end="")
 
 
-def _print_devices(*, markdown: bool, as_json: bool) -> None:
+def _print_devices(*, markdown: bool) -> None:
     """Print the catalogue of devices."""
-    if as_json:
+    if writes_json():
         catalogue: device_catalogue.DeviceCatalogueJson = {"devices": device_catalogue.as_json()}
         print_json(catalogue)
         return
@@ -288,10 +284,8 @@ _ABOUT = {
 class CacheRequest:
     """Options of `rig cache`."""
 
-    prune: Annotated[bool, typer.Option("--prune", help="Delete the least recently used entries.")] = False
-    keep_gb: Annotated[
-        float, typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0)
-    ] = 0.0
+    prune: Annotated[bool, option("Delete the least recently used entries.", name="--prune")] = False
+    keep_gb: Annotated[float, option("Size of recent entries that --prune retains, in GB.", "G", min=0)] = 0.0
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (Needs("--keep-gb", ("--prune",)),)
@@ -300,21 +294,19 @@ class CacheRequest:
 @takes(CacheRequest)
 def cache_command(request: CacheRequest) -> None:
     """List cached results; with --prune delete the least recently used ones."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        limit_gb = most_bytes() / 1e9
-        removed = prune(1e9 * request.keep_gb) if request.prune else []
-        kept = entries()
-        if request.as_json:
-            cache: CacheJson = {
-                "folder": str(cache_dir()), "entries": [_as_json(entry) for entry in kept], "bytes": _bytes(kept),
-                "limit_gb": limit_gb, "removed": len(removed), "removed_bytes": _bytes(removed),
-            }  # fmt: skip
-            print_json(cache)
-            return
-        _print(kept, limit_gb)
-        if request.prune:
-            out.print(f"removed     {number_of(len(removed), 'files')}, {_megabytes(removed)}")
+    limit_gb = most_bytes() / 1e9
+    removed = prune(1e9 * request.keep_gb) if request.prune else []
+    kept = entries()
+    if writes_json():
+        cache: CacheJson = {
+            "folder": str(cache_dir()), "entries": [_as_json(entry) for entry in kept], "bytes": _bytes(kept),
+            "limit_gb": limit_gb, "removed": len(removed), "removed_bytes": _bytes(removed),
+        }  # fmt: skip
+        print_json(cache)
+        return
+    _print(kept, limit_gb)
+    if request.prune:
+        out.print(f"removed     {number_of(len(removed), 'files')}, {_megabytes(removed)}")
 
 
 def _print(kept: Sequence[CacheEntry], limit_gb: float) -> None:
@@ -350,28 +342,26 @@ def _megabytes(them: Sequence[CacheEntry]) -> str:
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
+@reporting_errors
 def doctor_command(
-    config: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Configuration whose devices are checked. Default: none.")
-    ] = None,
-    bundle: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject.")
-    ] = None,
+    config: Annotated[Path | None, option("Configuration whose devices are checked. Default: none.", "TOML")] = None,
+    bundle: Annotated[Path | None, option("Write a bug report of this run, without its subject.", "RUN")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the contents of a bug report."""
-    with one_line_errors(as_json=as_json):
-        with busy("writing the bug report …" if bundle else "asking ports and devices …", quick=True):
-            doctor = _examine(config) if bundle is None else None
-            report = None if bundle is None else _bundled(bundle, load_config(config))
-        if as_json and doctor is not None:
-            print_json(doctor)
-        elif as_json and report is not None:
-            print_json(report)
-        else:
-            lines = {} if doctor is None else _lines(doctor)
-            for name, value in (lines if report is None else _bundle_lines(report)).items():
-                out.print(f"{name:<12}{value or 'none'}")
+    found: DoctorJson | BugReportJson
+    if bundle is None:
+        with busy("asking ports and devices …", quick=True):
+            found = doctor = _examine(config)
+        lines = _lines(doctor)
+    else:
+        with busy("writing the bug report …", quick=True):
+            found = report = _bundled(bundle, load_config(config))
+        lines = _bundle_lines(report)
+    if writes_json():
+        print_json(found)
+    else:
+        print_lines(((name, value or "none") for name, value in lines.items()), 12)
 
 
 def _bundled(run: Path, settings: Config) -> BugReportJson:
@@ -496,47 +486,45 @@ def _installation(settings: Config) -> DoctorJson:
 _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 
 
+@reporting_errors
 def speed_command(
-    quick: Annotated[bool, typer.Option("--quick", help="Measure coarse meshes only (about 2 min).")] = False,
-    page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="HTML page to write.")] = Path(
-        "bench.html"
-    ),
+    quick: Annotated[bool, option("Measure coarse meshes only (about 2 min).", name="--quick")] = False,
+    page_file: Annotated[Path, option("HTML page to write.", "HTML", name="--out")] = Path("bench.html"),
     as_json: JsonOption = False,
 ) -> None:
     """Benchmark every model, element and refinement in its own process, and write the page."""
-    with one_line_errors(as_json=as_json):
-        checked_file("--out", page_file, *HTML)
-        start = time.perf_counter()
-        reference = stored()
-        measured = []
-        candidates = QUICK if quick else WHOLE
-        found_one = measure(candidates, QUICK_SCENES if quick else SCENES)
-        for found in counted(found_one, len(candidates), "candidates", quiet=as_json):
-            measured.append(found)
-            err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
-        with busy("reference computation …", quick=True):
-            table, unit_s = list(rows(measured, reference)), reference_s()
-        with busy("comparing with CalculiX …", quick=True):
-            calculix = _calculix(quick=quick)
-        text = page(
-            table,
-            machine=f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
-            wall_s=time.perf_counter() - start,
-            quick=quick,
-            quantities=QUANTITIES,
-            reference=reference,
-            reference_s=unit_s,
-            steps=_STEPS,
-            breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
-            **calculix,
-        )
-        page_file.write_text(text, encoding="utf-8")
-        if as_json:
-            found_all: BenchmarkJson = {"rows": table, "page": str(page_file), "reference_s": unit_s}
-            print_json(found_all)
-        else:
-            out.print(f"{page_file}: {number_of(len(measured), 'candidates')}, {time.perf_counter() - start:.0f} s")
-            out.print(f"reference computation: {unit_s:.3f} processor seconds")
+    checked_file("--out", page_file, *HTML)
+    start = time.perf_counter()
+    reference = stored()
+    measured = []
+    candidates = QUICK if quick else WHOLE
+    found_one = measure(candidates, QUICK_SCENES if quick else SCENES)
+    for found in counted(found_one, len(candidates), "candidates"):
+        measured.append(found)
+        err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
+    with busy("reference computation …", quick=True):
+        table, unit_s = list(rows(measured, reference)), reference_s()
+    with busy("comparing with CalculiX …", quick=True):
+        calculix = _calculix(quick=quick)
+    text = page(
+        table,
+        machine=f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
+        wall_s=time.perf_counter() - start,
+        quick=quick,
+        quantities=QUANTITIES,
+        reference=reference,
+        reference_s=unit_s,
+        steps=_STEPS,
+        breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
+        **calculix,
+    )
+    page_file.write_text(text, encoding="utf-8")
+    if writes_json():
+        found_all: BenchmarkJson = {"rows": table, "page": str(page_file), "reference_s": unit_s}
+        print_json(found_all)
+    else:
+        out.print(f"{page_file}: {number_of(len(measured), 'candidates')}, {time.perf_counter() - start:.0f} s")
+        out.print(f"reference computation: {unit_s:.3f} processor seconds")
 
 
 def _name(found: Measured) -> str:

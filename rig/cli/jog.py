@@ -8,9 +8,9 @@ import typer
 
 from rig.cli.bench import HomedJson, Show, live_line, manual_session, print_entries
 from rig.cli.keyboard import ReadKeys, single_keys
-from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
-from rig.cli.request import Needs, Rule, refuse, takes
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption, option
+from rig.cli.output import ExitCode, complain, err, resting
+from rig.cli.request import Needs, Rule, takes
 from rig.clock import Clock, WallClock
 from rig.devices.base import Axis, ForceError, StageError
 from rig.engine.motion import Direction
@@ -54,18 +54,13 @@ class JogRequest:
     """Options of `rig jog`."""
 
     config: ConfigOption
-    axis: Annotated[
-        str | None, typer.Option(metavar="x|y|z", help="Axis to move by --by-mm: x across, y along, z up.")
-    ] = None
+    axis: Annotated[str | None, option("Axis to move by --by-mm: x across, y along, z up.", "x|y|z")] = None
     by_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D", help="Signed distance, in mm; nonzero, up to 5 either way. Default: steps by keys."
-        ),
+        float | None, option("Signed distance, in mm; nonzero, up to 5 either way. Default: steps by keys.", "D")
     ] = None
-    speed_mm_s: Annotated[
-        float, typer.Option(metavar="V", help="Highest speed, 0.017 to 10 mm/s; down and sideways it is lower.")
-    ] = SPEED_MM_S
+    speed_mm_s: Annotated[float, option("Highest speed, 0.017 to 10 mm/s; down and sideways it is lower.", "V")] = (
+        SPEED_MM_S
+    )
     without_force: WithoutForceOption = False
     as_json: JsonOption = False
 
@@ -78,43 +73,41 @@ class JogRequest:
 @takes(JogRequest)
 def command(request: JogRequest) -> None:
     """Move an axis by steps of at most 5 mm; a touch ends a step."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        settings, speed_mm_s = load_config(request.config), request.speed_mm_s
-        if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
-            raise BadInputError(
-                f"--speed-mm-s {speed_mm_s:g}: must be {SLOWEST_MM_S:.2g} to {FASTEST_MM_S:g} mm/s", "outside_range"
-            )
-        axis, by_mm = request.axis, request.by_mm
-        target = None if axis is None or by_mm is None else way(axis, by_mm, MOST_MM)
-        with (
-            live_line(settings) as show,
-            manual_session(settings, show, without_force=request.without_force) as session,
-        ):
-            if target is None:
-                with resting(), single_keys() as read_keys:
-                    KeySteps(session, WallClock(), read_keys, show, speed_mm_s).run()
-                found = session.contact()
-            else:
-                found = session.step(*target, speed_mm_s)
-            at = session.look()
-        contact, problem = found.known.as_json(), found.ended_by
-        jogged: JoggedJson = {
-            "state": at.state,
-            "x_mm": at.x_mm,
-            "y_mm": at.y_mm,
-            "z_mm": at.z_mm,
-            "contact": contact["contact"],
-            "may_touch": contact["may_touch"],
-            "force_gwt": found.force_gwt,
-            "measured_unix_s": contact["measured_unix_s"],
-            "where_text": contact["where_text"],
-            "to_do_text": contact["to_do_text"],
-            "ended_by_text": None if problem is None else str(problem),
-        }
-        if problem is not None:
-            jogged["code"] = problem.code
-        print_entries(jogged, as_json=request.as_json)
+    settings, speed_mm_s = load_config(request.config), request.speed_mm_s
+    if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
+        raise BadInputError(
+            f"--speed-mm-s {speed_mm_s:g}: must be {SLOWEST_MM_S:.2g} to {FASTEST_MM_S:g} mm/s", "outside_range"
+        )
+    axis, by_mm = request.axis, request.by_mm
+    target = None if axis is None or by_mm is None else way(axis, by_mm, MOST_MM)
+    with (
+        live_line(settings) as show,
+        manual_session(settings, show, without_force=request.without_force) as session,
+    ):
+        if target is None:
+            with resting(), single_keys() as read_keys:
+                KeySteps(session, WallClock(), read_keys, show, speed_mm_s).run()
+            found = session.contact()
+        else:
+            found = session.step(*target, speed_mm_s)
+        at = session.look()
+    contact, problem = found.known.as_json(), found.ended_by
+    jogged: JoggedJson = {
+        "state": at.state,
+        "x_mm": at.x_mm,
+        "y_mm": at.y_mm,
+        "z_mm": at.z_mm,
+        "contact": contact["contact"],
+        "may_touch": contact["may_touch"],
+        "force_gwt": found.force_gwt,
+        "measured_unix_s": contact["measured_unix_s"],
+        "where_text": contact["where_text"],
+        "to_do_text": contact["to_do_text"],
+        "ended_by_text": None if problem is None else str(problem),
+    }
+    if problem is not None:
+        jogged["code"] = problem.code
+    print_entries(jogged)
     if problem is not None:
         complain(f"stopped: {problem}")
         raise typer.Exit(ExitCode.STOPPED)

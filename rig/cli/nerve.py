@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NotRequired
 
-import typer
-
-from rig.cli.options import JsonOption, RunArgument, bounded, checked_file
-from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.cli.options import JsonOption, RunArgument, checked_file, option
+from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
 from rig.data.run import Run, RunWarningJson, warnings_as_json
@@ -73,62 +71,56 @@ class NerveRequest:
     """Arguments and options of `rig nerve`."""
 
     run: RunArgument
-    afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the random locations, sensitivities and noise.")] = 0
-    path_m: Annotated[
-        float, typer.Option(metavar="M", help="Length of the nerve from the fingertip to the electrode, in m.")
-    ] = 0.2
+    afferents: Annotated[str, option(AFFERENTS_HELP, "LIST")] = AFFERENTS
+    seed: Annotated[
+        int, option("Seed of the random locations, sensitivities and noise.", "N", within=(0, MOST_SEED - 1))
+    ] = 0
+    path_m: Annotated[float, option("Length of the nerve from the fingertip to the electrode, in m.", "M")] = 0.2
     as_json: JsonOption = False
 
 
 @takes(NerveRequest)
 def nerve_command(request: NerveRequest) -> None:
     """Simulate spikes during a run, write them to its folder, and update its report. They are synthetic, not data."""
-    with one_line_errors(as_json=request.as_json):
-        wanted = spike_request(request.afferents, request.seed, request.path_m)
-        with busy("reading the run …", quick=True):
-            found = recorded_run(request.run)
-        checked_file("RUN", found.folder.report)
-        with foreign_in_one_line(request.run):
-            settings = load_config(found.folder.config)
-            with busy(THE_FINGER, as_json=request.as_json):
-                from rig.plan.nerve import visits_of
-                from sim.models.fingertip import Fingertip
+    wanted = spike_request(request.afferents, request.seed, request.path_m)
+    with busy("reading the run …", quick=True):
+        found = recorded_run(request.run)
+    checked_file("RUN", found.folder.report)
+    with foreign_in_one_line(request.run):
+        settings = load_config(found.folder.config)
+        with busy(THE_FINGER):
+            from rig.plan.nerve import visits_of
+            from sim.models.fingertip import Fingertip
 
-                finger = Fingertip.load(settings.finger)
-            with busy("drawing the afferents, and when they fire …", as_json=request.as_json):
-                begun = visits_of(found, settings), wanted.drawn(finger)
-                from rig.plan.nerve import firing_speeds, presses_of_visits
+            finger = Fingertip.load(settings.finger)
+        with busy("drawing the afferents, and when they fire …"):
+            begun = visits_of(found, settings), wanted.drawn(finger)
+            from rig.plan.nerve import firing_speeds, presses_of_visits
 
-                speeds = firing_speeds(finger, begun[1], presses_of_visits(found, begun[0]))
-            print_firing(speeds, as_json=request.as_json)
-            with found.folder.owned():
-                answer = _add(finger, found, wanted, *begun, as_json=request.as_json)
-                from rig.cli.runs import renewed_report  # `rig run` does without
+            speeds = firing_speeds(finger, begun[1], presses_of_visits(found, begun[0]))
+        print_firing(speeds)
+        with found.folder.owned():
+            answer = _add(finger, found, wanted, *begun)
+            from rig.cli.runs import renewed_report  # `rig run` does without
 
-                renewed_report(found, finger, {Path(name).name for name in answer["files"]}, as_json=request.as_json)
-        report = found.folder.report
-        if request.as_json:
-            reported: NerveJson = {**answer, "report": str(report)}
-            if warnings := warnings_as_json([found]):
-                reported["warnings"] = warnings
-            print_json(reported)
-        else:
-            _print(answer, report)
+            renewed_report(found, finger, {Path(name).name for name in answer["files"]})
+    report = found.folder.report
+    if writes_json():
+        reported: NerveJson = {**answer, "report": str(report)}
+        if warnings := warnings_as_json([found]):
+            reported["warnings"] = warnings
+        print_json(reported)
+    else:
+        out.print("\n".join([*spike_lines(answer), f"report  {report}"]))
 
 
-def print_firing(speeds: "Sequence[FiringSpeed]", *, as_json: bool) -> None:
+def print_firing(speeds: "Sequence[FiringSpeed]") -> None:
     """Print the speed at which each class fires; a warning if none is expected to."""
-    if not as_json:
-        for line in firing_lines(speeds):
-            out.print(line)
+    if not writes_json():
+        for one in speeds:
+            out.print(f"firing  {one.sentence}")
     if all(one.silent for one in speeds):
         complain("warning: no afferent is expected to fire; press faster or deeper, or ask for other afferents")
-
-
-def firing_lines(speeds: "Sequence[FiringSpeed]") -> list[str]:
-    """Return a line for each class, on the slowest press at which its most sensitive afferent fires."""
-    return [f"firing  {one.sentence}" for one in speeds]
 
 
 def firing_as_json(speeds: "Sequence[FiringSpeed]") -> "list[FiringSpeedJson]":
@@ -151,7 +143,6 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
     from rig.plan.nerve import SpikeRequest
 
-    bounded("--seed", seed, 0, MOST_SEED - 1)
     if not 0 < path_m <= MOST_PATH_M:
         raise BadInputError(f"--path-m {path_m:g}: must be more than 0 and at most {MOST_PATH_M:g}", "outside_range")
     wanted = SpikeRequest(afferents, seed, path_m)
@@ -159,11 +150,11 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     return wanted
 
 
-def add_spikes(finger: "Fingertip", run: Run, config: Config, wanted: "SpikeRequest", *, as_json: bool) -> SpikesJson:
+def add_spikes(finger: "Fingertip", run: Run, config: Config, wanted: "SpikeRequest") -> SpikesJson:
     """Write the spikes of a run into its folder; return the JSON output of the command, without the report."""
     from rig.plan.nerve import visits_of
 
-    return _add(finger, run, wanted, visits_of(run, config), wanted.drawn(finger), as_json=as_json)
+    return _add(finger, run, wanted, visits_of(run, config), wanted.drawn(finger))
 
 
 def _add(
@@ -172,20 +163,17 @@ def _add(
     wanted: "SpikeRequest",
     found: "Visits",
     afferents: "AfferentPopulation",
-    *,
-    as_json: bool,
 ) -> SpikesJson:
     from rig.data.export import export_spikes
     from rig.plan.nerve import run_spikes
 
     with busy(
         f"simulating the spikes of {number_of(len(afferents), 'afferents')} …",
-        as_json=as_json,
     ) as now:
         record = run_spikes(
             run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, show_progress=now.at
         )
-    with busy("writing the spikes …", as_json=as_json, quick=True):
+    with busy("writing the spikes …", quick=True):
         files, missing = export_spikes(run, record)
     if missing:
         extras = ",".join(missing)
@@ -214,12 +202,6 @@ def _as_rows(record: "SpikeRecord") -> list[SimulatedAfferentJson]:
         }
         for one in record.trains
     ]
-
-
-def _print(answer: SpikesJson, report: Path) -> None:
-    for line in spike_lines(answer):
-        out.print(line)
-    out.print(f"report  {report}")
 
 
 def spike_lines(answer: SpikesJson) -> list[str]:

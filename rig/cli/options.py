@@ -3,7 +3,7 @@
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,45 +14,57 @@ if TYPE_CHECKING:
     from rig.report.plot import Plot
 
 
+def option(
+    what: str,
+    metavar: str | None = None,
+    panel: str | None = None,
+    *,
+    name: str | None = None,
+    within: tuple[float, float] | None = None,
+    **settings: Any,
+) -> Any:
+    """Return an option with its help, the name of its value there, and the panel of the help that lists it.
+
+    name: name on the command line, if it is not that of the field. within: lowest and highest value, for which
+    `{within}` stands in the help; `refuse` of the request checks them. settings: of typer.
+    """
+    low, high = within or (0.0, 0.0)
+    shown = what.replace("{within}", f"{low:g} to {high:g}")
+    found: Any = typer.Option(*filter(None, [name]), help=shown, metavar=metavar, rich_help_panel=panel, **settings)
+    found.within = within
+    return found
+
+
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")]
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter, KEY=VALUE. May be repeated.")
+    list[str] | None, option("Protocol parameter, KEY=VALUE. May be repeated.", "K=V", name="--set")
 ]
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folder.")]
-SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Pseudonym of the subject, e.g. S07.")]
+OutOption = Annotated[Path, option("Parent folder of the run folder.", "DIR", name="--out")]
+SubjectOption = Annotated[str | None, option("Pseudonym of the subject, e.g. S07.", "CODE")]
 FingerConfigOption = Annotated[
-    Path | None, typer.Option("--config", metavar="TOML", help="Rig and finger configuration. Default: built-in.")
+    Path | None, option("Rig and finger configuration. Default: built-in.", "TOML", name="--config")
 ]
 FingertipOption = Annotated[
-    Path | None, typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values.")
+    Path | None, option("Finger configuration. Default: built-in values.", "TOML", name="--config")
 ]
 FingerFileOption = Annotated[
-    Path | None,
-    typer.Option("--finger", metavar="TOML", help="Finger file from rig identify. Default: the configured finger."),
+    Path | None, option("Finger file from rig identify. Default: the configured finger.", "TOML", name="--finger")
 ]
-ForceFingerOption = Annotated[
-    bool, typer.Option("--accept-flagged", help="Use a finger file that rig identify flagged.")
-]
+ForceFingerOption = Annotated[bool, option("Use a finger file that rig identify flagged.", name="--accept-flagged")]
 _OPERATOR = "Operator"
 MountedOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="SHAPE",
-        help="Indentor that is already mounted, e.g. bar:3.0. Default: the program asks for each one.",
-        rich_help_panel=_OPERATOR,
+    option(
+        "Indentor that is already mounted, e.g. bar:3.0. Default: the program asks for each one.", "SHAPE", _OPERATOR
     ),
 ]
-ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration file of the rig.")]
-YesOption = Annotated[
-    bool, typer.Option("--yes", help="Begin without asking for confirmation.", rich_help_panel=_OPERATOR)
-]
+ConfigOption = Annotated[Path, option("Configuration file of the rig.", "TOML", name="--config")]
+YesOption = Annotated[bool, option("Begin without asking for confirmation.", panel=_OPERATOR, name="--yes")]
 _MOST = 1000  # numbers in a range
 
-ExactOption = Annotated[
-    bool, typer.Option("--exact", help="Build a full model of each finger instead of interpolating.")
-]
+ExactOption = Annotated[bool, option("Build a full model of each finger instead of interpolating.", name="--exact")]
 MOST_FRICTION = 10.0
 
 
@@ -63,7 +75,7 @@ def bounded(option: str, value: float, low: float, high: float) -> float:
     return value
 
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
+JsonOption = Annotated[bool, option("Print one JSON object on standard output.", name="--json")]
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:
@@ -113,12 +125,10 @@ def checked_file(option: str, path: Path, *endings: str) -> Path:
 
 
 WithoutForceOption = Annotated[
-    bool, typer.Option("--without-force", help="Move without a force sensor. Nothing stops the stage at a finger.")
+    bool, option("Move without a force sensor. Nothing stops the stage at a finger.", name="--without-force")
 ]
 
-PictureOption = Annotated[
-    Path | None, typer.Option(metavar="FILE.svg", help="Plot the result to a new .svg or .png file.")
-]
+PictureOption = Annotated[Path | None, option("Plot the result to a new .svg or .png file.", "FILE.svg")]
 
 
 def checked_picture(picture: Path | None) -> None:

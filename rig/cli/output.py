@@ -5,12 +5,13 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from enum import IntEnum
+from functools import wraps
 from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING, NoReturn, TextIO
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
@@ -218,19 +219,13 @@ _command = "rig"
 
 
 @contextmanager
-def busy(
-    what: str,
-    *,
-    as_json: bool = False,
-    quick: bool = False,
-    total: int = 0,
-) -> Iterator[Activity]:
+def busy(what: str, *, quick: bool = False, total: int = 0) -> Iterator[Activity]:
     """Print a command's activity and progress: in a live line on a terminal, else in lines on standard error.
 
-    `total` pieces are counted; with `as_json` or `quick`, short work prints nothing.
+    `total` pieces are counted; with `quick` or --json, short work prints nothing.
     """
     activity = Activity(what, total)
-    with _shown(activity, at_once=not (as_json or quick)):
+    with _shown(activity, at_once=not (quick or writes_json())):
         yield activity
 
 
@@ -350,6 +345,13 @@ def screen_aside() -> Iterator[None]:
             live.start(refresh=True)
 
 
+def print_lines(lines: Iterable[tuple[str, object]], width: int) -> None:
+    """Print lines behind their topic; a list has several lines on one topic."""
+    for about, words in lines:
+        for line in words if isinstance(words, list) else [words]:
+            out.print(f"{about:<{width}}{line}")
+
+
 MOST_PRINTED = 100_000
 """Characters of an error that are printed; a damaged file may contain a cell of any length."""
 
@@ -364,14 +366,39 @@ class ExitCode(IntEnum):
     ABORTED = 130
 
 
-_stdout: list[TextIO] = []
-"""Standard output of a command with --json; `sys.stdout` is standard error meanwhile."""
+class _Command:
+    """Command under way: where its JSON goes, and whether it has yet to move the stage."""
+
+    def __init__(self, stdout: TextIO | None = None) -> None:
+        self.stdout = stdout  # with --json; `sys.stdout` is standard error meanwhile
+        self.moves_later = self.aloud = False
+
+
+_under_way = _Command()
+
+
+def writes_json() -> bool:
+    """Return whether the command under way prints JSON: short work then reports no progress."""
+    return _under_way.stdout is not None
+
+
+def before_motion(*, aloud: bool) -> Callable[[], None]:
+    """Report of a failure that nothing was moved, until the returned function is called.
+
+    `aloud` prints that on the screen too, not only in JSON.
+    """
+    _under_way.moves_later, _under_way.aloud = True, aloud
+
+    def begins() -> None:
+        _under_way.moves_later = False
+
+    return begins
 
 
 def print_json(result: "Output") -> None:
     """Print one JSON object on standard output, of any type of outputs; raise ValueError for NaN."""
     try:
-        print(json.dumps(result, allow_nan=False), file=_stdout[-1] if _stdout else sys.stdout, flush=True)
+        print(json.dumps(result, allow_nan=False), file=_under_way.stdout or sys.stdout, flush=True)
     except BrokenPipeError:
         out.on_broken_pipe()  # as for tables: the reader has gone, and there is nothing left to print
 
@@ -389,29 +416,13 @@ class NotConfirmedError(RigError):
     default_code = "not_confirmed"
 
 
-class Beginning:
-    """State of a command that runs a script; until it begins, a failure reports that nothing was moved.
-
-    `aloud` prints that on the screen too, not only in JSON.
-    """
-
-    def __init__(self, *, aloud: bool) -> None:
-        self.aloud, self.begun = aloud, False
-
-    def begins(self) -> None:
-        """Record that the command may move the stage from now on."""
-        self.begun = True
-
-
-def fail(
-    message: str, code: str, exit_code: ExitCode, *, as_json: bool, beginning: Beginning | None = None
-) -> NoReturn:
+def fail(message: str, code: str, exit_code: ExitCode, *, as_json: bool) -> NoReturn:
     """Print one line on standard error, and JSON on standard output if requested, and exit.
 
     `code` is for programs; it does not change with the sentence.
     """
-    ending = None if beginning is None or beginning.begun else _nothing_moved(message, exit_code)
-    if beginning is not None and ending is not None and beginning.aloud and not as_json:
+    ending = _nothing_moved(message, exit_code) if _under_way.moves_later else None
+    if ending is not None and _under_way.aloud and not as_json:
         print(printable(f"{'where':<8}{ending['where_text']}"), file=sys.stderr)
     line = complain(message)
     if as_json:
@@ -431,30 +442,36 @@ def _nothing_moved(message: str, exit_code: ExitCode) -> "EndingJson":
 
 
 @contextmanager
-def _only_json() -> Iterator[None]:
-    """Send to standard error what a script, or a package that it uses, prints beside the JSON object."""
-    _stdout.append(sys.stdout)
-    try:
-        with redirect_stdout(sys.stderr):
-            yield
-    finally:
-        _stdout.pop()
+def one_line_errors(*, as_json: bool) -> Iterator[None]:
+    """Turn expected errors into one line and the right exit code, and break long silences.
 
-
-@contextmanager
-def one_line_errors(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
-    """Turn expected errors into one line and the right exit code, and break long silences."""
+    With JSON, what a script, or a package that it uses, prints beside the object goes to standard error.
+    """
+    global _under_way
+    before, _under_way = _under_way, _Command(sys.stdout if as_json else None)
     try:
-        with working(), _only_json() if as_json else nullcontext():
+        with working(), redirect_stdout(sys.stderr) if as_json else nullcontext():
             yield
     except KeyboardInterrupt:
-        line = "stopped at once by the operator"
-        fail(line, "interrupted", ExitCode.ABORTED, as_json=as_json, beginning=beginning)
+        fail("stopped at once by the operator", "interrupted", ExitCode.ABORTED, as_json=as_json)
     except NotConfirmedError as error:
-        fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json, beginning=beginning)
+        fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json)
     except Exception as error:
         from rig.cli.error_exit_codes import outcome
 
         if (found := outcome(error)) is None:
             raise
-        fail(*found, as_json=as_json, beginning=beginning)
+        fail(*found, as_json=as_json)
+    finally:
+        _under_way = before
+
+
+def reporting_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Make a function report its errors in one line, as a command does."""
+
+    @wraps(command)
+    def run(*given: Any, **options: Any) -> None:
+        with one_line_errors(as_json=options.get("as_json", False)):
+            command(*given, **options)
+
+    return run

@@ -3,16 +3,14 @@
 import os
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import Annotated, Any
 
 from rig.bench.real import PortError, RealBench, open_bench
-from rig.cli.options import ConfigOption, JsonOption
-from rig.cli.output import complain, err, one_line_errors, out, print_json, resting
+from rig.cli.options import ConfigOption, JsonOption, option
+from rig.cli.output import complain, err, out, print_json, reporting_errors, resting, writes_json
 from rig.cli.request import takes
 from rig.cli.signals import at_once, leaving_on_signal
 from rig.clock import WallClock
@@ -29,10 +27,6 @@ from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import StopButton
 from rig_shared.outputs import Output, Uri
 
-if TYPE_CHECKING:
-    from rig.panel.app import Panel
-
-
 _LOWEST_PORT = 1024
 
 
@@ -48,44 +42,31 @@ class PanelJson(Output):
 class PanelRequest:
     """Options of `rig panel`."""
 
-    config: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Configuration of the rig. Default: manual control off.")
-    ] = None
-    out_dir: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder that contains the run folders.")] = (
-        Path("runs")
-    )
-    port: Annotated[
-        int, typer.Option(metavar="N", help="TCP port on this machine, 1024 to 65535; 0 selects a free port.")
-    ] = 0
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser, or do not.")
-    ] = True
+    config: Annotated[Path | None, option("Configuration of the rig. Default: manual control off.", "TOML")] = None
+    out_dir: Annotated[Path, option("Folder that contains the run folders.", "DIR", name="--out")] = Path("runs")
+    port: Annotated[int, option("TCP port on this machine, 1024 to 65535; 0 selects a free port.", "N")] = 0
+    browser: Annotated[bool, option("Open the page in a browser, or do not.", name="--browser/--no-browser")] = True
     as_json: JsonOption = False
 
 
 @takes(PanelRequest)
 def panel_command(request: PanelRequest) -> None:
     """Print the address of the page, and serve it until Ctrl-C; a run continues without it."""
-    with one_line_errors(as_json=request.as_json):
-        if request.port != 0 and not _LOWEST_PORT <= request.port <= 65535:
-            raise BadInputError(
-                f"--port {request.port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
-            )
-        panel = _panel(request.config, request.out_dir, request.port)
-        if request.as_json:
-            found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
-            print_json(found)
-        else:
-            out.print(panel.url)
-            err.print("press Ctrl-C to close the panel; a running protocol continues")
-        with _shown(panel.url) if request.browser and not request.as_json else _not_shown(), resting():
-            panel.serve()
-
-
-def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
+    if request.port != 0 and not _LOWEST_PORT <= request.port <= 65535:
+        raise BadInputError(
+            f"--port {request.port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
+        )
     from rig.panel.app import Offered, Panel  # rig by-hand starts without a web server
 
-    return Panel(Offered(out_dir, config, port))
+    panel = Panel(Offered(request.out_dir, request.config, request.port))
+    if writes_json():
+        found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
+        print_json(found)
+    else:
+        out.print(panel.url)
+        err.print("press Ctrl-C to close the panel; a running protocol continues")
+    with _shown(panel.url) if request.browser and not writes_json() else nullcontext(), resting():
+        panel.serve()
 
 
 @contextmanager
@@ -104,17 +85,13 @@ def _shown(url: str) -> Iterator[None]:
         leads_there.unlink(missing_ok=True)
 
 
-@contextmanager
-def _not_shown() -> Iterator[None]:
-    yield
-
-
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
+@reporting_errors
 def owning_command(config: ConfigOption) -> None:
     """Own the ports for `rig panel`, and end with it, at rest; ready once it has announced itself."""
-    with one_line_errors(as_json=False), at_once():
+    with at_once():
         settings, clock, parent = load_config(config), WallClock(), os.getppid()
         known = BenchMemory(settings).read()  # an open bench adds nothing
         with (

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from rig.cli.force_trace import ForceTrace, Screen, named
-from rig.cli.output import Activity, a_screen, busy, complain, during, err
+from rig.cli.output import Activity, a_screen, busy, complain, during, err, writes_json
 from rig.data.journal import Watch
 from rig.data.run_state import Course, RunState, TimeLeft, as_clock
 from rig_shared.plural import number_of
@@ -96,10 +96,11 @@ class _Between(Activity):
         return len(self._run.finished), self._run.now or self._run.where
 
 
-def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iterator[T]:
+def counted(answers: Iterable[T], total: int, what: str) -> Iterator[T]:
     """Yield the results of tasks, with a progress bar on a terminal, else with lines.
 
-    The first line precedes the first result, and the last one follows the last; quiet: only if the tasks take long.
+    The first line precedes the first result, and the last one follows the last. With --json: only if the tasks are
+    slow.
     """
     if not total:
         return
@@ -107,24 +108,24 @@ def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iter
         with during(Activity(what), live=True):
             yield from track(answers, what, total, console=err)
         return
-    with busy(what, as_json=quiet, total=total) as now:
+    with busy(what, total=total) as now:
         for done, answer in enumerate(answers, 1):
             yield answer
             now.at(done, total)
-    if not quiet:
+    if not writes_json():
         err.print(f"{total} of {number_of(total, what)}")
 
 
 @contextmanager
 def progress(
-    total: int, time_left: TimeLeft | None, course: Course | None = None, *, as_json: bool
+    total: int, time_left: TimeLeft | None, course: Course | None = None, *, lines: bool = True
 ) -> Iterator[Watch]:
     """Show the progress of a run on standard error.
 
-    Without a terminal: a line for each indentation, or with JSON output only alarms; and lines in between.
+    Without a terminal: a line for each indentation unless `lines` is unset, or with --json; and lines in between.
     """
     run = IndentationProgress(total, time_left, course)
-    shown = _bar if err.is_terminal else _nothing if as_json else _lines
+    shown = _bar if err.is_terminal else _lines if lines and not writes_json() else _nothing
     with during(_Between(run), live=err.is_terminal), shown(run) as show:
 
         def watch(stream: str, data: Mapping[str, Any]) -> None:

@@ -4,10 +4,12 @@ import inspect
 import shlex
 from collections.abc import Callable, Sequence, Set
 from dataclasses import MISSING, fields
-from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from typer.models import ArgumentInfo, ParameterInfo
 
+from rig.cli.options import bounded
+from rig.cli.output import one_line_errors
 from rig.errors import BadInputError
 from rig.printable import either
 
@@ -21,6 +23,8 @@ class Option(NamedTuple):
     name: str
     hint: Any
     usual: Any  # MISSING if it is required
+    within: tuple[float, float] | None  # lowest and highest value
+    choices: tuple[str, ...]  # of a Literal; empty for any other type
 
     @property
     def label(self) -> str:
@@ -44,11 +48,17 @@ class Option(NamedTuple):
 
 
 def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., None]]:
-    """Make a function of a request a command, with an argument or option for each field of its dataclass."""
+    """Make a function of a request a command, with an argument or option for each field of its dataclass.
+
+    It refuses what breaks the rules of the class; errors become one line and the right exit code.
+    """
 
     def command(carry_out: Callable[[R], None]) -> Callable[..., None]:
         def run(**given: Any) -> None:
-            carry_out(request(**given))
+            made = request(**given)
+            with one_line_errors(as_json=getattr(made, "as_json", False)):
+                refuse(made)
+                carry_out(made)
 
         options = options_of(request)
         run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
@@ -104,7 +114,11 @@ Rule = Excludes | Alone | Needs | ExactlyOne
 
 
 def refuse(request: object) -> None:
-    """Raise BadInputError for the first of its class's `rules` between options that a request breaks."""
+    """Raise BadInputError for the first broken rule of a request's class, or the first value that it refuses.
+
+    A class whose options depend on a file refuses others in `refuse_first`, before a rule asks for more of them.
+    """
+    getattr(request, "refuse_first", lambda: None)()
     given = given_options(request)
     values = [f"{one.label} {getattr(request, one.field)}" for one in options_of(type(request))]
     rules: Sequence[Rule] = getattr(type(request), "rules", ())
@@ -114,6 +128,12 @@ def refuse(request: object) -> None:
             rule = Excludes(rule.option, others, rule.code, rule.because)
         if (problem := _problem(rule, {*given, *values})) is not None:
             raise BadInputError(problem, rule.code)
+    for one in options_of(type(request)):
+        value = getattr(request, one.field)
+        if one.choices and value not in (None, *one.choices):
+            raise BadInputError(f"{one.label} {value!r}: must be {either(one.choices)}", "unknown_choice")
+        if one.within is not None and value is not None:
+            bounded(one.label, value, *one.within)
 
 
 def _problem(rule: Excludes | Needs | ExactlyOne, given: Set[str]) -> str | None:
@@ -149,5 +169,15 @@ def options_of(request: type) -> list[Option]:
         info = next(about for about in get_args(hints[one.name]) if isinstance(about, ParameterInfo))
         declared = [word for word in (info.default, *(info.param_decls or ())) if isinstance(word, str)]
         name = next((word for word in declared if word.startswith("--")), f"--{one.name.replace('_', '-')}")
-        found.append(Option(one.name, "" if isinstance(info, ArgumentInfo) else name, hints[one.name], one.default))
+        name = "" if isinstance(info, ArgumentInfo) else name
+        hint, choices = _hint_and_choices(hints[one.name])
+        found.append(Option(one.name, name, hint, one.default, getattr(info, "within", None), choices))
     return sorted(found, key=lambda one: one.usual is not MISSING)
+
+
+def _hint_and_choices(hint: Any) -> tuple[Any, tuple[str, ...]]:
+    """Return the type that is parsed, and the choices: a Literal is parsed as text, and `refuse` compares it."""
+    kind, info = get_args(hint)
+    choices = next((get_args(one) for one in (kind, *get_args(kind)) if get_origin(one) is Literal), ())
+    parsed = str | None if type(None) in get_args(kind) else str
+    return (Annotated[parsed, info], choices) if choices else (hint, ())

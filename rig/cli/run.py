@@ -28,21 +28,22 @@ from rig.cli.options import (
     SetOption,
     SubjectOption,
     YesOption,
+    option,
 )
 from rig.cli.output import (
     THE_FINGER,
-    Beginning,
+    before_motion,
     busy,
     checking_the_script,
     complain,
     err,
-    one_line_errors,
     out,
     print_json,
     screen_aside,
+    writes_json,
 )
 from rig.cli.recorded_run import warn_of_damage
-from rig.cli.request import refuse, repeats, takes
+from rig.cli.request import repeats, takes
 from rig.cli.script_execution import RequestedRun, RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -115,8 +116,7 @@ class CheckRequest(ScriptRequest):
     """Arguments and options of `rig check`."""
 
     afferents: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."),
+        str | None, option("Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA.", "LIST")
     ] = None
     as_json: JsonOption = False
 
@@ -124,43 +124,41 @@ class CheckRequest(ScriptRequest):
 @takes(CheckRequest)
 def check_command(request: CheckRequest) -> None:
     """Check the script against the limits and the finger model, and rehearse it on springs."""
-    as_json = request.as_json
-    with one_line_errors(as_json=as_json):
-        settings = request.settings()
-        refuse_bench(settings)
-        script = request.script()
-        spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
-        with busy(THE_FINGER, as_json=as_json):
-            from sim.models.fingertip import Fingertip
+    settings = request.settings()
+    refuse_bench(settings)
+    script = request.script()
+    spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
+    with busy(THE_FINGER):
+        from sim.models.fingertip import Fingertip
 
-            finger = Fingertip.load(settings.finger)
-        with checking_the_script() as show_steps:
-            plan = make_plan(script, settings, finger, on_step=show_steps)
-        with busy("rehearsing the protocol on a spring model …", as_json=as_json):
-            checked = preflight(script, settings, finger, plan).as_json()
-        with busy("repeating the script in fresh processes …", quick=True, as_json=as_json):
-            differs = find_difference(script, settings, plan.steps)
-        found: CheckJson = {"protocol": script.name, **checked, "repeats": differs is None}
-        if differs is not None:
-            complain(
-                "the script does not repeat itself, so a stopped run of it cannot be resumed: "
-                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; {differs.remedy}"
-            )
-        if plan.allowed:
-            found["possible"] = possible_presses_as_json(plan, settings)
-        speeds = []
-        if spikes is not None:
-            from rig.plan.nerve import firing_speeds_of, presses_of_plan
+        finger = Fingertip.load(settings.finger)
+    with checking_the_script() as show_steps:
+        plan = make_plan(script, settings, finger, on_step=show_steps)
+    with busy("rehearsing the protocol on a spring model …"):
+        checked = preflight(script, settings, finger, plan).as_json()
+    with busy("repeating the script in fresh processes …", quick=True):
+        differs = find_difference(script, settings, plan.steps)
+    found: CheckJson = {"protocol": script.name, **checked, "repeats": differs is None}
+    if differs is not None:
+        complain(
+            "the script does not repeat itself, so a stopped run of it cannot be resumed: "
+            f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; {differs.remedy}"
+        )
+    if plan.allowed:
+        found["possible"] = possible_presses_as_json(plan, settings)
+    speeds = []
+    if spikes is not None:
+        from rig.plan.nerve import firing_speeds_of, presses_of_plan
 
-            with busy("when the afferents fire …", as_json=as_json):
-                speeds = firing_speeds_of(finger, spikes, presses_of_plan(plan))
-            found["firing"] = firing_as_json(speeds)
-        if as_json:
-            print_json(found)
-        else:
-            _print_check(found)
-        if speeds:
-            print_firing(speeds, as_json=as_json)
+        with busy("when the afferents fire …"):
+            speeds = firing_speeds_of(finger, spikes, presses_of_plan(plan))
+        found["firing"] = firing_as_json(speeds)
+    if writes_json():
+        print_json(found)
+    else:
+        _print_check(found)
+    if speeds:
+        print_firing(speeds)
 
 
 _MET_COLUMNS = {
@@ -228,17 +226,11 @@ class DryRunRequest(ScriptRequest):
     """Arguments and options of `rig dry-run`."""
 
     out_dir: OutOption = Path("runs")
-    speed: Annotated[
-        str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
-    ] = "max"
+    speed: Annotated[str, option("Simulated seconds per real second, or max for no limit.", "max|N")] = "max"
     subject: SubjectOption = None
     afferents: Annotated[
         str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
-            rich_help_panel="Simulated spikes",
-        ),
+        option("Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).", "LIST", "Simulated spikes"),
     ] = None
     as_json: JsonOption = False
 
@@ -246,20 +238,18 @@ class DryRunRequest(ScriptRequest):
 @takes(DryRunRequest)
 def dry_run_command(request: DryRunRequest) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
-    beginning = Beginning(aloud=False)
-    with one_line_errors(as_json=request.as_json, beginning=beginning):
-        refuse(request)
-        settings = request.settings()
-        refuse_twinless(settings.stage, settings.force)
-        for problem in expired_calibrations(settings):
-            complain(f"warning: {problem}; `rig run` would refuse this configuration")
-        script, faster = request.script(), _times_real(request.speed)
-        spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
-        into = new_run(request.out_dir, request.subject)
-        run = RequestedRun(script, settings, into, beginning.begins, request.as_json, spikes=spikes)
-        with owning(run, config_file=request.config) as owner:
-            pace = None if faster is None else 1 / faster
-            done = carry_out(run, partial(dry_run, speed=faster), owner, pace=pace)
+    begins = before_motion(aloud=False)
+    settings = request.settings()
+    refuse_twinless(settings.stage, settings.force)
+    for problem in expired_calibrations(settings):
+        complain(f"warning: {problem}; `rig run` would refuse this configuration")
+    script, faster = request.script(), _times_real(request.speed)
+    spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
+    into = new_run(request.out_dir, request.subject)
+    run = RequestedRun(script, settings, into, begins, spikes=spikes)
+    with owning(run, config_file=request.config) as owner:
+        pace = None if faster is None else 1 / faster
+        done = carry_out(run, partial(dry_run, speed=faster), owner, pace=pace)
     leave(done)
 
 
@@ -281,7 +271,7 @@ def _times_real(text: str) -> float | None:
 class RunRequest(ScriptRequest):
     """Arguments and options of `rig run`."""
 
-    config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = field()
+    config: Annotated[Path, option("Configuration of rig and finger.", "TOML")] = field()
     out_dir: OutOption = Path("runs")
     subject: SubjectOption = None
     mounted: MountedOption = None
@@ -292,19 +282,18 @@ class RunRequest(ScriptRequest):
 @takes(RunRequest)
 def run_command(request: RunRequest) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
-    beginning = Beginning(aloud=True)
-    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
-        refuse(request)
+    begins = before_motion(aloud=True)
+    with ExitStack() as opened:
         settings = request.settings()
         finger = opened.enter_context(FingerProcess(settings.finger))
         script, into = request.script(), new_run(request.out_dir, request.subject)
-        run = RequestedRun(script, settings, into, beginning.begins, request.as_json, finger)
+        run = RequestedRun(script, settings, into, begins, finger)
         ready_for_a_real_run("run", settings, request.out_dir, yes=request.yes)
         _refuse_mounts("run", run, request.mounted)
         stage = opened.enter_context(closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()))
         owner = opened.enter_context(owning(run, stage, request.config))
         before = left_on_record(request.out_dir, settings)
-        confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
+        confirm = at_the_page(owner, before, yes=request.yes)
         done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm)
     leave(done)
 
@@ -366,8 +355,7 @@ class ResumeRequest:
 
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")]
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="TOML", help="Take the ports from this file, if a device was plugged into another one."),
+        Path | None, option("Take the ports from this file, if a device was plugged into another one.", "TOML")
     ] = None
     mounted: MountedOption = None
     yes: YesOption = False
@@ -377,8 +365,8 @@ class ResumeRequest:
 @takes(ResumeRequest)
 def resume_command(request: ResumeRequest) -> None:
     """Resume with the script, its parameters and the configuration from the run's own copies."""
-    beginning = Beginning(aloud=True)
-    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
+    begins = before_motion(aloud=True)
+    with ExitStack() as opened:
         with busy("reading the run and its script …", quick=True):
             stopped = read_stopped(request.run)
             if stopped.run is not None:
@@ -387,11 +375,11 @@ def resume_command(request: ResumeRequest) -> None:
                 stopped = with_ports(stopped, request.config)
         here = stopped.virtual or stopped.complete
         finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))
-        run = RequestedRun(stopped.script, stopped.config, stopped, beginning.begins, request.as_json, finger)
+        run = RequestedRun(stopped.script, stopped.config, stopped, begins, finger)
         stage = opened.enter_context(_stage(request, run, stopped))
         owner = opened.enter_context(owning(run, stage))
         if stopped.run is not None and stopped.complete:
-            leave(make_whole(stopped, stopped.run, owner, as_json=request.as_json))
+            leave(make_whole(stopped, stopped.run, owner))
         confirm = _checked(stopped, owner, yes=request.yes)
         pace = None if stage is None else 1.0
         done = carry_out(run, on_the_bench(stage, owner, request.mounted), owner, confirm, pace)
@@ -425,7 +413,7 @@ def _checked(stopped: StoppedRun, owner: RunOwner, *, yes: bool) -> Confirm | No
         err.print(f"resuming after the checkpoint {stopped.run.last_checkpoint!r}")
     if not stopped.virtual:
         before = careful_of(left, stopped.config)
-        return at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
+        return at_the_page(owner, before, yes=yes)
     if left is not None:
         complain(careful(left))
     return None

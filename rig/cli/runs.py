@@ -1,7 +1,5 @@
 """`rig runs`, `rig show` and `rig export`: list runs, describe one, write its tables."""
 
-import csv
-import io
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -13,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired
 import typer
 
 from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
-from rig.cli.options import JsonOption, RunArgument, checked_file
-from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.cli.options import JsonOption, RunArgument, checked_file, option
+from rig.cli.output import THE_FINGER, busy, complain, out, print_json, writes_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import ExactlyOne, Rule, refuse, takes
+from rig.cli.request import ExactlyOne, Rule, takes
 from rig.data import dictionary
 from rig.data.ending import EndingJson
-from rig.data.folder import SCRIPT, FileSizeJson, replace_text
+from rig.data.folder import SCRIPT, FileSizeJson, replace_table
 from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import (
     PackageJson,
@@ -177,24 +175,15 @@ class RunsRequest:
     """Arguments and options of `rig runs`."""
 
     runs: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that contains the run folders.")] = Path("runs")
-    subject: Annotated[str | None, typer.Option(metavar="CODE", help="List only runs of this subject.")] = None
+    subject: Annotated[str | None, option("List only runs of this subject.", "CODE")] = None
     shape: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="List only runs with this indentor, e.g. bar:3.0; bar matches any bar."),
+        str | None, option("List only runs with this indentor, e.g. bar:3.0; bar matches any bar.", "S")
     ] = None
-    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="List only runs of this protocol.")] = None
-    state: Annotated[
-        str | None, typer.Option(metavar="STATE", help=f"List only runs in this state: {', '.join(RunStatus)}.")
-    ] = None
-    since: Annotated[
-        str | None, typer.Option(metavar="DAY", help="First start date to list, UTC, e.g. 2026-03-01.")
-    ] = None
-    until: Annotated[
-        str | None, typer.Option(metavar="DAY", help="Last start date to list, UTC, e.g. 2026-03-31.")
-    ] = None
-    table: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Write a table of all holds, one row each, to this file.")
-    ] = None
+    protocol: Annotated[str | None, option("List only runs of this protocol.", "NAME")] = None
+    state: Annotated[str | None, option(f"List only runs in this state: {', '.join(RunStatus)}.", "STATE")] = None
+    since: Annotated[str | None, option("First start date to list, UTC, e.g. 2026-03-01.", "DAY")] = None
+    until: Annotated[str | None, option("Last start date to list, UTC, e.g. 2026-03-31.", "DAY")] = None
+    table: Annotated[Path | None, option("Write a table of all holds, one row each, to this file.", "CSV")] = None
     as_json: JsonOption = False
 
     @property
@@ -209,27 +198,26 @@ class RunsRequest:
 @takes(RunsRequest)
 def runs_command(request: RunsRequest) -> None:
     """List runs, newest last; an unreadable or damaged run gets one line on standard error."""
-    with one_line_errors(as_json=request.as_json):
-        chosen, table = request.filter, request.table
-        if table is not None:
-            checked_file("--table", table, ".csv")
-        entries = _entries(request.runs)
-        found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
-        broken = [one.summary for one in entries if one.summary.problem]
-        for listed_run in (one.summary for one in found if one.summary.damage):
-            complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
-        if table is not None:
-            replace_text(table, _as_csv(found))
-        if request.as_json:
-            print_json(_runs_json(found, broken, table))
-            return
-        for one in broken:
-            complain(f"{request.runs / one.name}: {one.problem}")
-        out.print(
-            _list(found)
-            if table is None
-            else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
-        )
+    chosen, table = request.filter, request.table
+    if table is not None:
+        checked_file("--table", table, ".csv")
+    entries = _entries(request.runs)
+    found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
+    broken = [one.summary for one in entries if one.summary.problem]
+    for listed_run in (one.summary for one in found if one.summary.damage):
+        complain(f"{request.runs / listed_run.name}: {listed_run.damage}")
+    if table is not None:
+        replace_table(table, (*RUN_COLUMNS, *HOLD_COLUMNS), (row for one in found for row in one.rows))
+    if writes_json():
+        print_json(_runs_json(found, broken, table))
+        return
+    for one in broken:
+        complain(f"{request.runs / one.name}: {one.problem}")
+    out.print(
+        _list(found)
+        if table is None
+        else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
+    )
 
 
 def _entries(runs: Path) -> list[IndexEntry]:
@@ -276,15 +264,6 @@ def _runs(found: Sequence[IndexEntry]) -> str:
     return number_of(len(found), "runs")
 
 
-def _as_csv(found: Sequence[IndexEntry]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*RUN_COLUMNS, *HOLD_COLUMNS])
-    for one in found:
-        writer.writerows(one.rows)
-    return text.getvalue()
-
-
 def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> RunsJson:
     result: RunsJson = {
         "runs": [_summary(one.summary) for one in found],
@@ -320,9 +299,7 @@ class ShowRequest:
     """Arguments and options of `rig show`."""
 
     run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of the run.")] = None
-    columns: Annotated[
-        bool, typer.Option("--columns", help="Explain the columns of the run tables; takes no run.")
-    ] = False
+    columns: Annotated[bool, option("Explain the columns of the run tables; takes no run.", name="--columns")] = False
     as_json: JsonOption = False
 
     rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("RUN", "--columns")),)
@@ -331,21 +308,19 @@ class ShowRequest:
 @takes(ShowRequest)
 def show_command(request: ShowRequest) -> None:
     """Print a run: protocol, state, limits, versions, forces, ending and files."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        if request.run is None:
-            if request.as_json:
-                print_json(_columns())
-            else:
-                out.print(dictionary.as_markdown(), end="")
-            return
-        with foreign_in_one_line(request.run):
-            with busy("reading the run …", quick=True):
-                result = _described(request.run)
-            if request.as_json:
-                print_json(result)
-            else:
-                out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
+    if request.run is None:
+        if writes_json():
+            print_json(_columns())
+        else:
+            out.print(dictionary.as_markdown(), end="")
+        return
+    with foreign_in_one_line(request.run):
+        with busy("reading the run …", quick=True):
+            result = _described(request.run)
+        if writes_json():
+            print_json(result)
+        else:
+            out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
 
 
 def _columns() -> ColumnsJson:
@@ -464,7 +439,6 @@ def _kind(kind: tuple[Any, ...], rows: Sequence[Mapping[str, Any]]) -> PressesJs
 
 def _lines(run: ShowJson) -> list[tuple[str, str]]:
     """Return name and text of each printed line."""
-    ending = {} if run["ending"] is None else {name: run["ending"].get(name) for name in _OF_AN_ENDING}
     size = sum(one["bytes"] for one in run["files"]) / 1e6
     return [
         ("run", run["run"]),
@@ -474,7 +448,7 @@ def _lines(run: ShowJson) -> list[tuple[str, str]]:
         ("subject", run["subject"] or "none"),
         ("began", f"{run['began_utc']}, {run['duration_s']:.0f} s"),
         ("state", f"{run['state']}, {run['done']} of {number_of(run['planned'], 'indentations')}"),
-        *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
+        *ended_lines(run["ending"]),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
         *(choice_lines(run["choice"]) if "choice" in run else ()),
         *((name, _pairs(run[name])) for name in ("limits", "devices")),
@@ -484,7 +458,12 @@ def _lines(run: ShowJson) -> list[tuple[str, str]]:
     ]
 
 
-_OF_AN_ENDING = {"reason_text": "because", "where_text": "where", "next_text": "next", "resume": "resume"}
+def ended_lines(ending: EndingJson | None) -> list[tuple[str, str]]:
+    """Return name and text of the lines on an early end."""
+    if ending is None:
+        return []
+    names = {"reason_text": "because", "where_text": "where", "next_text": "next", "resume": "resume"}
+    return [(name, str(words)) for key, name in names.items() if (words := ending.get(key))]
 
 
 def _pressed(one: PressesJson) -> str:
@@ -509,13 +488,11 @@ class ExportRequest:
     """Arguments and options of `rig export`."""
 
     run: RunArgument
-    as_csv: Annotated[bool, typer.Option("--csv", help="Write HDF5 and tidy CSV files.")] = False
-    as_nwb: Annotated[bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")] = (
+    as_csv: Annotated[bool, option("Write HDF5 and tidy CSV files.", name="--csv")] = False
+    as_nwb: Annotated[bool, option("Write Neurodata Without Borders (needs the extra nwb).", name="--nwb")] = False
+    report: Annotated[bool, option("Write the report again, with the strain under the skin.", name="--report")] = (
         False
     )
-    report: Annotated[
-        bool, typer.Option("--report", help="Write the report again, with the strain under the skin.")
-    ] = False
     as_json: JsonOption = False
 
 
@@ -524,41 +501,40 @@ def export_command(request: ExportRequest) -> None:
     """Export the journal again, also of a run that crashed, and renew the checksums of what is written."""
     from rig.data.export import export_nwb, export_run  # it imports numpy, which a list of runs does not need
 
-    with one_line_errors(as_json=request.as_json):
-        run, as_json = request.run, request.as_json
-        if not (request.as_csv or request.as_nwb or request.report):
-            raise BadInputError(
-                "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", "no_format"
-            )
-        with busy("reading the run …", quick=True):
-            found = recorded_run(run)
-        if request.report:
-            _refuse_identification(found)
-        written = []
-        if request.as_csv or request.as_nwb:
-            with busy(f"writing the files of {run} …", quick=True), foreign_in_one_line(run):
-                if request.as_csv:
-                    export_run(found)
-                    tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
-                    written += [str(found.folder.data), *(str(run / name) for name in tables)]
-                if request.as_nwb:
-                    written.append(str(export_nwb(found)))
-                found.folder.write_checksums()
-        if request.report:
-            with foreign_in_one_line(run), found.folder.owned():
-                with busy(THE_FINGER, as_json=as_json):
-                    from rig.plan.config import load_config
-                    from sim.models.fingertip import Fingertip
+    run = request.run
+    if not (request.as_csv or request.as_nwb or request.report):
+        raise BadInputError(
+            "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", "no_format"
+        )
+    with busy("reading the run …", quick=True):
+        found = recorded_run(run)
+    if request.report:
+        _refuse_identification(found)
+    written = []
+    if request.as_csv or request.as_nwb:
+        with busy(f"writing the files of {run} …", quick=True), foreign_in_one_line(run):
+            if request.as_csv:
+                export_run(found)
+                tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
+                written += [str(found.folder.data), *(str(run / name) for name in tables)]
+            if request.as_nwb:
+                written.append(str(export_nwb(found)))
+            found.folder.write_checksums()
+    if request.report:
+        with foreign_in_one_line(run), found.folder.owned():
+            with busy(THE_FINGER):
+                from rig.plan.config import load_config
+                from sim.models.fingertip import Fingertip
 
-                    finger = Fingertip.load(load_config(found.folder.config).finger)
-                written += [str(run / name) for name in renewed_report(found, finger, strain=True, as_json=as_json)]
-        if as_json:
-            exported: ExportJson = {"run": str(run), "files": written}
-            if warnings := warnings_as_json([found]):
-                exported["warnings"] = warnings
-            print_json(exported)
-        else:
-            out.print("\n".join(written))
+                finger = Fingertip.load(load_config(found.folder.config).finger)
+            written += [str(run / name) for name in renewed_report(found, finger, strain=True)]
+    if writes_json():
+        exported: ExportJson = {"run": str(run), "files": written}
+        if warnings := warnings_as_json([found]):
+            exported["warnings"] = warnings
+        print_json(exported)
+    else:
+        out.print("\n".join(written))
 
 
 def _refuse_identification(run: Run) -> None:
@@ -570,15 +546,13 @@ def _refuse_identification(run: Run) -> None:
         )
 
 
-def renewed_report(
-    run: Run, finger: "Fingertip", also: Collection[str] = (), *, strain: bool = False, as_json: bool
-) -> list[str]:
+def renewed_report(run: Run, finger: "Fingertip", also: Collection[str] = (), *, strain: bool = False) -> list[str]:
     """Write the report of a finished run again; return the names of its files, the page first.
 
     With `strain`, the page shows the strain under the deepest press. The checksums of these files and of those in
     `also` are renewed; data, and their checksums, stay unchanged.
     """
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         from rig.report.run_report import AFTER, write_report
         from rig.report.strain_figure import strain_figures
 

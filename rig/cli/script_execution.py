@@ -16,7 +16,18 @@ from rig.bench.checks import checked_subject
 from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
 from rig.cli.nerve import SpikesJson, add_spikes, print_firing, spike_lines
-from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
+from rig.cli.output import (
+    THE_FINGER,
+    ExitCode,
+    busy,
+    checking_the_script,
+    complain,
+    out,
+    print_json,
+    print_lines,
+    screen_aside,
+    writes_json,
+)
 from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
@@ -68,7 +79,6 @@ class RequestedRun:
     config: Config
     into: NewRun | StoppedRun
     begins: Callable[[], None]  # called before the first motion
-    as_json: bool
     finger: FingerProcess | None = None  # serves a run whose own process must not solve
     spikes: "SpikeRequest | None" = None  # simulated after the run, before its report
 
@@ -84,7 +94,7 @@ class RequestedRun:
 
     def loaded(self) -> Finger:
         """Load the configured finger, in its own process if one exists."""
-        return loaded(self.config, self.finger, as_json=self.as_json)
+        return loaded(self.config, self.finger)
 
 
 class FinishedRunJson(Output):
@@ -323,36 +333,36 @@ def carry_out(
     `confirm` is called after all checks and before any motion; None starts at once. `pace` is real seconds per second
     of bench time; None runs as fast as possible.
     """
-    as_json, spikes = run.as_json, run.spikes
+    spikes = run.spikes
     session = _planned(run)
     if spikes is not None:
         from rig.plan.nerve import firing_speeds_of, presses_of_plan
 
-        with busy("when the afferents fire …", as_json=as_json):  # it also refuses afferents that have no place
+        with busy("when the afferents fire …"):  # it also refuses afferents that have no place
             speeds = asked(session.finger, firing_speeds_of, spikes, presses_of_plan(session.plan))
-        print_firing(speeds, as_json=as_json)
-    page = (confirm or nothing_to_confirm(as_json=as_json))(session)
+        print_firing(speeds)
+    page = (confirm or nothing_to_confirm())(session)
     began = time.perf_counter()
     owner.at("running")
     course = None if isinstance(page.rehearsal, EngineError) else page.rehearsal.course
-    shown = progress(len(session.plan.indentations), time_left(page, pace), course, as_json=as_json)
+    shown = progress(len(session.plan.indentations), time_left(page, pace), course)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = AtTheTerminal(pause, watch, run.begins, course, owner)
         done = how(replace(session, attendant=attendant, button=owner.button))
     owner.at("reporting")
     added = None if spikes is None else _with_spikes(done, session.finger, spikes, run)
-    with busy("writing the report …", as_json=as_json):
+    with busy("writing the report …"):
         done = _reported(done, session.finger, owner)
-    if added is not None and not as_json:
+    if added is not None and not writes_json():
         for line in spike_lines(added):
             out.print(line)
-    _print(done, time.perf_counter() - began, as_json=as_json, resumed=run.stopped is not None)
+    _print(done, time.perf_counter() - began, resumed=run.stopped is not None)
     return done
 
 
-def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Finger:
+def loaded(config: Config, finger: FingerProcess | None) -> Finger:
     """Load the configured finger, in its own process if one exists."""
-    with busy(THE_FINGER, as_json=as_json):
+    with busy(THE_FINGER):
         if finger is None:
             from sim.models.fingertip import Fingertip
 
@@ -374,25 +384,25 @@ def _planned(run: RequestedRun) -> Session:
     return Session(run.script, run.config, finger, plan, run.into)
 
 
-def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner, *, as_json: bool) -> FinishedRun:
+def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner) -> FinishedRun:
     """Make the missing exports, report and checksums of a complete run; existing files stay unchanged."""
     folder, began = stopped.folder, time.perf_counter()
     done = FinishedRun(folder, run, Made(), 0.0, None, FinalPosition("not moved"))
     owner.folder = folder
     owner.at("reporting")
-    done = _made_whole(done, stopped.config, as_json=as_json)
-    _print(done, time.perf_counter() - began, as_json=as_json, resumed=True)
+    done = _made_whole(done, stopped.config)
+    _print(done, time.perf_counter() - began, resumed=True)
     return done
 
 
-def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> FinishedRun:
+def _made_whole(done: FinishedRun, config: Config) -> FinishedRun:
     folder, run = done.folder, done.run
     with folder.owned():
         there = folder.files
         try:
             export_run(run, again=False)
             if lacks_report(run):
-                asked(loaded(config, None, as_json=as_json), make_missing, run)
+                asked(loaded(config, None), make_missing, run)
             folder.add_checksums(folder.files - there)
         except OSError as error:
             return replace(done, problem=error)
@@ -404,7 +414,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
 def _with_spikes(done: FinishedRun, finger: Finger, spikes: "SpikeRequest", run: RequestedRun) -> SpikesJson | None:
     """Write simulated spikes beside a run, or print that there are none for a run without a press."""
     try:
-        return asked(finger, add_spikes, done.run, run.config, spikes, as_json=run.as_json)
+        return asked(finger, add_spikes, done.run, run.config, spikes)
     except (BadInputError, ModelRangeError, OSError) as error:
         complain(f"no spikes: {error}")
         return None
@@ -448,7 +458,7 @@ def files_in_words(problem: Exception, folder: RunFolder) -> str:
     return f"the files of the run could not be written: {on_one_line(what)}; its journal is kept; then: {again}"
 
 
-def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) -> None:
+def _print(done: FinishedRun, wall_s: float, *, resumed: bool) -> None:
     run, ending, problem = (
         None if isinstance(done.recorded, RunError) else done.recorded,
         done.ending,
@@ -460,7 +470,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
     otherwise = None if run is None else pressed_otherwise(run)
     if otherwise is not None:
         complain(otherwise)
-    if as_json:
+    if writes_json():
         found: FinishedRunJson = {
             "run": str(done.folder.path),
             "complete": done.complete,
@@ -491,13 +501,11 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
             out.print(f"{run.missing} missing, {run.repeated} repeated, {run.restarted} restarted")
         for some, limits in [] if run is None else motions_in_contact(run):
             out.print(f"{some}: {limits}")
-        for about, words in [] if chosen is None else choice_lines(chosen):
-            out.print(f"{about:<8}{words}")
+        print_lines([] if chosen is None else choice_lines(chosen), 8)
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
         if deviating is not None:
             complain(deviating)
-        for about, words in {} if ending is None else ending.lines.items():
-            out.print(f"{about:<8}{words}")
+        print_lines({}.items() if ending is None else ending.lines.items(), 8)
 
 
 def code_of_end(done: FinishedRun) -> str:

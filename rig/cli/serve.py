@@ -11,9 +11,9 @@ from typing import Annotated, ClassVar, NotRequired, cast
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.options import FingerConfigOption, JsonOption, bounded
-from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
-from rig.cli.request import Excludes, Needs, Rule, refuse, takes
+from rig.cli.options import FingerConfigOption, JsonOption, option
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, out, print_json, resting, writes_json
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -61,64 +61,47 @@ class ServeRequest:
     """Arguments and options of `rig serve`."""
 
     stage: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help=f"Kind of stage: {either(names('stage'))}. Default: the configured one.",
-            rich_help_panel=_DEVICES,
-        ),
+        str | None, option(f"Kind of stage: {either(names('stage'))}. Default: the configured one.", "KIND", _DEVICES)
     ] = None
     force: Annotated[
         str | None,
-        typer.Option(
-            "--force-sensor",
-            metavar="KIND",
-            help=f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
-            rich_help_panel=_DEVICES,
+        option(
+            f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
+            "KIND",
+            _DEVICES,
+            name="--force-sensor",
         ),
     ] = None
-    pty: Annotated[
-        bool, typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES)
-    ] = False
+    pty: Annotated[bool, option("Serve on pseudo-terminals; not on Windows.", panel=_DEVICES, name="--pty")] = False
     tcp: Annotated[
         int | None,
-        typer.Option(
-            metavar="PORT",
-            help="TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
+        option(
+            "TCP port of the stage, {within}; the force sensor has the next. 0 selects free ports. "
             "Default: pseudo-terminals; free TCP ports on Windows.",
-            rich_help_panel=_DEVICES,
+            "PORT",
+            _DEVICES,
+            within=(0, 65534),
         ),
     ] = None
     indentor: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="Mounted indentor, as in rig indent. Default: the configured one.",
-            rich_help_panel=_DEVICES,
-        ),
+        str | None, option("Mounted indentor, as in rig indent. Default: the configured one.", "S", _DEVICES)
     ] = None
     random_finger: Annotated[
         int | None,
-        typer.Option(
-            metavar="SEED",
+        option(
+            "Serve a random finger of this seed, to be identified. Default: the configured finger.",
+            "SEED",
+            _FINGER,
             min=0,
-            help="Serve a random finger of this seed, to be identified. Default: the configured finger.",
-            rich_help_panel=_FINGER,
         ),
     ] = None
     reveal: Annotated[
         int | None,
-        typer.Option(
-            metavar="SEED",
-            min=0,
-            help="Seed of a random finger to print instead of serving. Default: serve devices.",
-            rich_help_panel=_FINGER,
+        option(
+            "Seed of a random finger to print instead of serving. Default: serve devices.", "SEED", _FINGER, min=0
         ),
     ] = None
-    beside: Annotated[
-        Path | None,
-        typer.Option(metavar="TOML", help="Finger file to compare with --reveal.", rich_help_panel=_FINGER),
-    ] = None
+    beside: Annotated[Path | None, option("Finger file to compare with --reveal.", "TOML", _FINGER)] = None
     config: FingerConfigOption = None
     as_json: JsonOption = False
 
@@ -131,42 +114,38 @@ class ServeRequest:
 @takes(ServeRequest)
 def serve_command(request: ServeRequest) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
-    with one_line_errors(as_json=request.as_json):
-        refuse(request)
-        if request.reveal is not None:
-            _reveal(request.reveal, request.beside, as_json=request.as_json)
-            return
-        settings = _with_indentor(load_config(request.config), request.indentor)
-        if request.pty and sys.platform == "win32":
-            raise BadInputError(
-                "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
-                "no_terminals",
-            )
-        if request.tcp is not None:
-            bounded("--tcp", request.tcp, 0, 65534)
-        if request.random_finger is not None:
-            settings = with_random_finger(settings, request.random_finger)
-        both = request.stage is None and request.force is None
-        with busy(THE_FINGER, quick=True):
-            bench = ServedBench(
-                settings,
-                stage=_kind("stage", request.stage, settings.stage.kind if both else None),
-                force=_kind("force", request.force, settings.force.kind if both else None),
-                tcp=request.tcp,
-                complain=complain,
-            )
-        with bench:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda *_: bench.stop())
-            print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
-            if sys.stderr.isatty():
-                err.print("\n".join(["in rig.toml:", *_tables(bench)]))
-            with resting():
-                bench.run()
-            if bench.statistics is not None:
-                err.print(_statistics_line(bench.statistics))
-            if bench.press is not None and bench.press.ended:
-                raise typer.Exit(ExitCode.STOPPED)
+    if request.reveal is not None:
+        _reveal(request.reveal, request.beside)
+        return
+    settings = _with_indentor(load_config(request.config), request.indentor)
+    if request.pty and sys.platform == "win32":
+        raise BadInputError(
+            "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
+            "no_terminals",
+        )
+    if request.random_finger is not None:
+        settings = with_random_finger(settings, request.random_finger)
+    both = request.stage is None and request.force is None
+    with busy(THE_FINGER, quick=True):
+        bench = ServedBench(
+            settings,
+            stage=_kind("stage", request.stage, settings.stage.kind if both else None),
+            force=_kind("force", request.force, settings.force.kind if both else None),
+            tcp=request.tcp,
+            complain=complain,
+        )
+    with bench:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: bench.stop())
+        print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
+        if sys.stderr.isatty():
+            err.print("\n".join(["in rig.toml:", *_tables(bench)]))
+        with resting():
+            bench.run()
+        if bench.statistics is not None:
+            err.print(_statistics_line(bench.statistics))
+        if bench.press is not None and bench.press.ended:
+            raise typer.Exit(ExitCode.STOPPED)
 
 
 def _tables(bench: ServedBench) -> list[str]:
@@ -204,12 +183,12 @@ def _statistics_line(found: PressStatistics) -> str:
     )
 
 
-def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
+def _reveal(seed: int, beside: Path | None) -> None:
     """Print each parameter of a random finger, with its 90 % band from a finger file."""
     truth = truth_of(seed)
     identified = None if beside is None else read_finger_file(beside).identified
     found = [_with_band(name, value, identified) for name, value in truth.items()]
-    if as_json:
+    if writes_json():
         truths: RandomFingerJson = {"parameters": found}
         print_json(truths)
         return

@@ -1,7 +1,5 @@
 """`rig study`: the same presses on many fingers, over processes or a cluster."""
 
-import csv
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.options import ExactOption, JsonOption, checked_file
-from rig.cli.output import one_line_errors, out, print_json
+from rig.cli.options import ExactOption, JsonOption, checked_file, option
+from rig.cli.output import out, print_json, writes_json
 from rig.cli.progress import counted
 from rig.cli.request import takes
-from rig.data.folder import replace_text
+from rig.data.folder import replace_table
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
 from rig_shared.outputs import File, Output
@@ -44,17 +42,15 @@ class StudyRequest:
 
     study: Annotated[Path, typer.Argument(metavar="TOML", help="Study file: the parameters to vary and the presses.")]
     out_file: Annotated[
-        Path | None, typer.Option("--out", metavar="CSV", help="Table to write. Default: beside the study file.")
+        Path | None, option("Table to write. Default: beside the study file.", "CSV", name="--out")
     ] = None
     processes: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Number of processes on this machine. Default: number of cores.", min=1),
+        int | None, option("Number of processes on this machine. Default: number of cores.", "N", min=1)
     ] = None
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Address of a dask.distributed scheduler (needs the extra cluster). Default: this machine.",
+        option(
+            "Address of a dask.distributed scheduler (needs the extra cluster). Default: this machine.", "ADDRESS"
         ),
     ] = None
     exact: ExactOption = False
@@ -64,40 +60,40 @@ class StudyRequest:
 @takes(StudyRequest)
 def command(request: StudyRequest) -> None:
     """Solve every case and write one tidy table."""
-    with one_line_errors(as_json=request.as_json):
-        began = time.perf_counter()
-        cases = read_study(request.study)
-        table = request.study.with_suffix(".csv") if request.out_file is None else request.out_file
-        checked_file("--out", table, ".csv")
-        if not request.exact:
-            cases = interpolated(cases)
-        nodes = nodes_to_build(cases)
-        quiet, workers = request.as_json, (request.processes, request.scheduler)
-        for _ in counted(spread(make_node, nodes, *workers), len(nodes), "full builds", quiet=quiet):
-            pass
-        answers = list(counted(spread(solve, cases, *workers), len(cases), "cases", quiet=quiet))
-        rows = [row for answer in answers for row in answer]
-        replace_text(table, _as_csv(columns(cases), rows))
-        problems = sum(bool(row["problem"]) for row in rows)
-        between = sum(row.get("model") == INTERPOLATED for row in rows)
-        small = _small_strain(cases, answers)
-        seconds = time.perf_counter() - began
-        if request.as_json:
-            found: StudyJson = {
-                "table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
-                "small_strain_text": small, "interpolated": between,
-                "interpolation_text": HOW_MADE if between else None, "wall_s": seconds,
-            }  # fmt: skip
-            print_json(found)
-        else:
-            out.print(
-                f"{number_of(len(cases), 'cases')}, {number_of(len(rows), 'rows')}, {problems} without a result, "
-                f"{seconds:.1f} s\n{table}"
-            )
-            if small:
-                out.print(small)
-            if between:
-                out.print(f"{number_of(between, 'rows')}: fingers {HOW_MADE}; --exact builds a full model of each")
+    began = time.perf_counter()
+    cases = read_study(request.study)
+    table = request.study.with_suffix(".csv") if request.out_file is None else request.out_file
+    checked_file("--out", table, ".csv")
+    if not request.exact:
+        cases = interpolated(cases)
+    nodes = nodes_to_build(cases)
+    workers = (request.processes, request.scheduler)
+    for _ in counted(spread(make_node, nodes, *workers), len(nodes), "full builds"):
+        pass
+    answers = list(counted(spread(solve, cases, *workers), len(cases), "cases"))
+    rows = [row for answer in answers for row in answer]
+    names = columns(cases)
+    replace_table(table, names, ([row.get(name) for name in names] for row in rows))
+    problems = sum(bool(row["problem"]) for row in rows)
+    between = sum(row.get("model") == INTERPOLATED for row in rows)
+    small = _small_strain(cases, answers)
+    seconds = time.perf_counter() - began
+    if writes_json():
+        found: StudyJson = {
+            "table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
+            "small_strain_text": small, "interpolated": between,
+            "interpolation_text": HOW_MADE if between else None, "wall_s": seconds,
+        }  # fmt: skip
+        print_json(found)
+    else:
+        out.print(
+            f"{number_of(len(cases), 'cases')}, {number_of(len(rows), 'rows')}, {problems} without a result, "
+            f"{seconds:.1f} s\n{table}"
+        )
+        if small:
+            out.print(small)
+        if between:
+            out.print(f"{number_of(between, 'rows')}: fingers {HOW_MADE}; --exact builds a full model of each")
 
 
 def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> str | None:
@@ -109,11 +105,3 @@ def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> st
     finger = FingertipConfig.model_validate_json(case.config_json)
     stiffening, compared = finger.tissue.finite_stiffening, is_default_finger(finger)
     return small_strain(row["model"], row["doi_mm"], stiffening, compared=compared).note
-
-
-def _as_csv(names: list[str], rows: list[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()

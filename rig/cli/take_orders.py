@@ -4,14 +4,12 @@ import os
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import Annotated, ClassVar
 
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import at_the_page, ready_for_a_real_run, refuse_mounts
-from rig.cli.options import FingerFileOption, MountedOption, OutOption, SubjectOption, YesOption, numbers
-from rig.cli.output import Beginning, one_line_errors
+from rig.cli.options import FingerFileOption, MountedOption, OutOption, SubjectOption, YesOption, numbers, option
+from rig.cli.output import before_motion
 from rig.cli.request import takes
 from rig.cli.run import on_the_bench
 from rig.cli.script_execution import RequestedRun, carry_out, leave, new_run, owning
@@ -29,27 +27,23 @@ from sim.finger_process import FingerProcess
 class TakeOrdersRequest:
     """Options of `rig take-orders`."""
 
-    indentor: Annotated[str, typer.Option(metavar="SHAPE", help="Indentor of all presses.")]
-    x_mm: Annotated[str, typer.Option(metavar="X,X…", help="Positions of the presses, in mm.")] = "0"
-    doi_mm: Annotated[
-        float | None, typer.Option(metavar="D", help="Deepest press, in mm. Give this or --force-gwt.")
-    ] = None
-    force_gwt: Annotated[
-        float | None, typer.Option(metavar="F", help="Highest force of a press, in gwt. Give this or --doi-mm.")
-    ] = None
-    presses: Annotated[int, typer.Option(metavar="N", help="Maximum number of presses.")] = 1
-    increments: Annotated[int, typer.Option(metavar="N", help="Maximum number of increments.")] = 1
-    hold_s: Annotated[float, typer.Option(metavar="S", help="Longest hold, in s.")] = 1.0
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None
-    virtual: Annotated[bool, typer.Option("--virtual", help="Press on the virtual bench.")] = False
-    speed: Annotated[
-        float | None, typer.Option(metavar="N", help="Simulated seconds per real second. Default: no limit.")
-    ] = None
+    indentor: Annotated[str, option("Indentor of all presses.", "SHAPE")]
+    x_mm: Annotated[str, option("Positions of the presses, in mm.", "X,X…")] = "0"
+    doi_mm: Annotated[float | None, option("Deepest press, in mm. Give this or --force-gwt.", "D")] = None
+    force_gwt: Annotated[float | None, option("Highest force of a press, in gwt. Give this or --doi-mm.", "F")] = None
+    presses: Annotated[int, option("Maximum number of presses.", "N")] = 1
+    increments: Annotated[int, option("Maximum number of increments.", "N")] = 1
+    hold_s: Annotated[float, option("Longest hold, in s.", "S")] = 1.0
+    config: Annotated[Path | None, option("Configuration of rig and finger.", "TOML")] = None
+    virtual: Annotated[bool, option("Press on the virtual bench.", name="--virtual")] = False
+    speed: Annotated[float | None, option("Simulated seconds per real second. Default: no limit.", "N")] = None
     finger_file: FingerFileOption = None
     out_dir: OutOption = Path("runs")
     subject: SubjectOption = None
     mounted: MountedOption = None
     yes: YesOption = False
+
+    as_json: ClassVar[bool] = True
 
     def scope(self) -> OrderScope:
         """Return the limits of the orders. Raises BadInputError."""
@@ -60,13 +54,13 @@ class TakeOrdersRequest:
 @takes(TakeOrdersRequest)
 def take_orders_command(request: TakeOrdersRequest) -> None:
     """Have the highest press confirmed, then press as another program orders; print the result as JSON."""
-    beginning = Beginning(aloud=False)
+    begins = before_motion(aloud=False)
     parent = os.getppid()
-    with one_line_errors(as_json=True, beginning=beginning), ExitStack() as opened:
+    with ExitStack() as opened:
         settings = with_finger(load_config(request.config), request.finger_file)
         orders = PressOrders(request.scope(), lambda: os.getppid() != parent)
         into = new_run(request.out_dir, request.subject)
-        run, stage = RequestedRun(orders.as_script(), settings, into, beginning.begins, as_json=True), None
+        run, stage = RequestedRun(orders.as_script(), settings, into, begins), None
         if request.virtual:
             refuse_twinless(settings.stage, settings.force)
         else:
@@ -80,7 +74,7 @@ def take_orders_command(request: TakeOrdersRequest) -> None:
         confirm = None
         if stage is not None:
             before = left_on_record(request.out_dir, settings)
-            confirm = at_the_page(before, yes=request.yes, asking=owner.asking, button=owner.button)
+            confirm = at_the_page(owner, before, yes=request.yes)
 
         def ordered(session: Session) -> FinishedRun:
             """Carry out the orders, of which there may be fewer than planned, with the soft trip of the plan."""

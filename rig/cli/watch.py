@@ -8,9 +8,9 @@ from rich.live import Live
 
 from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.options import JsonOption, RunArgument
-from rig.cli.output import ExitCode, err, one_line_errors, out, print_json, resting
+from rig.cli.output import ExitCode, err, out, print_json, reporting_errors, resting, writes_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.runs import ending_of
+from rig.cli.runs import ended_lines, ending_of
 from rig.clock import WallClock
 from rig.data.documents import Document
 from rig.data.ending import EndingJson
@@ -70,6 +70,7 @@ class RunScreen(RunFollower):
         return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{done}, {left}")]
 
 
+@reporting_errors
 def watch_command(
     run: RunArgument,
     as_json: JsonOption = False,
@@ -78,20 +79,19 @@ def watch_command(
 
     With --json: the current state, at once.
     """
-    with one_line_errors(as_json=as_json):
-        shown = RunScreen(RunFolder(run))
-        try:
-            with foreign_in_one_line(run):
-                if as_json:
-                    shown.take(Following(shown.folder).new())
-                    print_json(_now(shown))
-                    return
-                with resting():
-                    (_on_a_screen if out.is_terminal else _line_by_line)(shown)
-                out.print("\n".join(_end(shown)))
-        except KeyboardInterrupt:
-            err.print("stopped monitoring; the run continues")
-            raise typer.Exit(ExitCode.ABORTED) from None
+    shown = RunScreen(RunFolder(run))
+    try:
+        with foreign_in_one_line(run):
+            if writes_json():
+                shown.take(Following(shown.folder).new())
+                print_json(_now(shown))
+                return
+            with resting():
+                (_on_a_screen if out.is_terminal else _line_by_line)(shown)
+            out.print("\n".join(_end(shown)))
+    except KeyboardInterrupt:
+        err.print("stopped monitoring; the run continues")
+        raise typer.Exit(ExitCode.ABORTED) from None
 
 
 def _on_a_screen(shown: RunScreen) -> None:
@@ -125,12 +125,9 @@ def _end(shown: RunScreen) -> list[str]:
     """Return the lines on the end of the run, or on its current state."""
     found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
-    ending = ending_of(found, about.state)
-    keys = ("reason_text", "where_text", "next_text", "resume")
-    sentences = {} if ending is None else {name: ending.get(name) for name in keys}
-    lines = [named("state", f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}")]
-    names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
-    return lines + [named(names.get(name, name), str(words)) for name, words in sentences.items() if words]
+    ended = ended_lines(ending_of(found, about.state))
+    state = f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}"
+    return [named(name, words) for name, words in (("state", state), *ended)]
 
 
 def _now(shown: RunScreen) -> WatchJson:

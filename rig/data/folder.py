@@ -1,6 +1,7 @@
 """Folder of one run: hashed copies of its inputs, beside what it recorded."""
 
 import contextlib
+import csv
 import errno
 import io
 import json
@@ -332,6 +333,15 @@ def put_in_place(partial: Path, path: Path) -> None:
 def replace_text(path: Path, text: str, *, new: bool = False) -> None:
     """Replace a file on disk in one step, or write a new one. Raises UnwritableError, FileExistsError if `new`."""
     replace_bytes(path, text.encode("utf-8", "backslashreplace"), new=new)  # half of a surrogate pair
+
+
+def replace_table(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+    """Replace a CSV table on disk in one step; a None is an empty cell. Raises UnwritableError."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    replace_text(path, text.getvalue())
 
 
 def replace_bytes(path: Path, content: bytes, *, new: bool = False) -> None:

@@ -7,7 +7,7 @@ import csv
 import io
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.data.folder import RunFolder, replace_bytes, replace_text
+from rig.data.folder import RunFolder, replace_bytes, replace_table
 from rig.data.run import Run, RunError
 from rig_shared.user_files import read_bytes, read_text
 
@@ -87,24 +87,10 @@ def write_csv(folder: RunFolder, record: SpikeRecord) -> list[Path]:
         [*values_of(one).values(), len(one.spike_s), record.seed, record.path_m, record.until_s]
         for one in record.trains
     ]
-    tables = {
-        SPIKES: _as_csv(("afferent", "time_s"), spikes),
-        AFFERENTS: _as_csv((*_ABOUT, "spikes", "seed", "path_m", "until_s"), rows),
-    }
-    written = []
-    for name, text in tables.items():
-        path = folder.path / f"{name}.csv"
-        replace_text(path, text)
-        written.append(path)
+    written = [folder.path / f"{name}.csv" for name in (SPIKES, AFFERENTS)]
+    replace_table(written[0], ("afferent", "time_s"), spikes)
+    replace_table(written[1], (*_ABOUT, "spikes", "seed", "path_m", "until_s"), rows)
     return written
-
-
-def _as_csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def read_spikes(folder: RunFolder) -> SpikeRecord | None:

@@ -74,7 +74,7 @@ def measure(candidate: str) -> str:
 
 def lead_sentences(verdicts: Sequence[PhaseVerdict], levels: Sequence[Level]) -> tuple[str, str, str]:
     """Return the verdict, the measures that cannot be distinguished, and the assumptions that matter."""
-    first, second = "; ".join(map(_verdict, verdicts)), _undecided(verdicts)
+    first, second = ("; ".join(map(said, verdicts)) for said in (_verdict, _together))
     return f"{first[0].upper()}{first[1:]}.", f"{second[0].upper()}{second[1:]}.", _depends(levels)
 
 
@@ -110,11 +110,8 @@ def undecided(one: PhaseVerdict) -> list[PhaseCandidate]:
     return list(rows.values())
 
 
-def _undecided(verdicts: Sequence[PhaseVerdict]) -> str:
-    return "; ".join(_together(one, undecided(one)) for one in verdicts)
-
-
-def _together(one: PhaseVerdict, rows: Sequence[PhaseCandidate]) -> str:
+def _together(one: PhaseVerdict) -> str:
+    rows = undecided(one)
     if len(rows) < 2:
         return f"in the {one.phase} phase, no other candidate is as good"
     names = [titled(row) + " (a control)" * row.control for row in rows]

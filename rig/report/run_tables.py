@@ -1,7 +1,5 @@
 """Tables of a run's report, repeats by condition, and the numbers behind its figures as CSV."""
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
-from rig.data.folder import replace_text
+from rig.data.folder import replace_table
 from rig.data.tables import booked_s, motions_in_contact, tables
 from rig.plan.finger_model import PredictedHold
 from rig.records import SAME_DECIMALS, force_tolerance_gwt, grouped
@@ -51,14 +49,12 @@ def write_numbers(run: Run, found: Sequence[PredictedHold], *, again: bool = Tru
     for name, rows in rows_of.items():
         if not again and _file(run, name).exists():
             continue
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS[name])
+        written = []
         for response in found:
             hold = holds[response.index, response.hold["hold"]]
             of_a_hold = [hold.get(column) for column in OF_A_HOLD]
-            writer.writerows([*of_a_hold, *row] for row in rows(response))
-        replace_text(_file(run, name), text.getvalue())
+            written += [[*of_a_hold, *row] for row in rows(response)]
+        replace_table(_file(run, name), COLUMNS[name], written)
 
 
 def _file(run: Run, name: str) -> Path:

@@ -1,18 +1,12 @@
 """`rig cache`: what is kept, how much of it stays, and what is removed."""
 
-import json
 import os
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from rig.cli import main
 from sim.models.cache import CacheError, most_bytes
-
-Said = Callable[..., tuple[int, str, str]]
+from tests.program import Program
 
 FILES = {"new.model": (2_000_000, 300), "old.answers": (1_000_000, 100), "middle.model": (500_000, 200)}
 """Bytes, and when they were read last."""
@@ -30,27 +24,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
-    """Run it here: exit code, standard output, standard error."""
-
-    def run(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["rig", "cache", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return int(ended.value.code or 0), printed.out, printed.err
-
-    return run
-
-
-def as_json(said: tuple[int, str, str]) -> dict[str, Any]:
-    assert (said[0], said[2]) == (0, "")
-    return dict(json.loads(said[1]))
-
-
-def test_cache_json_lists_every_file_most_recently_read_first(rig: Said, folder: Path) -> None:
-    said = as_json(rig("--json"))
+def test_cache_json_lists_every_file_most_recently_read_first(program: Program, folder: Path) -> None:
+    said = program("cache", "--json").json
     assert said.pop("entries") == [
         {"name": "new.model", "kind": "model", "bytes": 2_000_000, "read_utc": "1970-01-01T00:05:00+00:00"},
         {"name": "middle.model", "kind": "model", "bytes": 500_000, "read_utc": "1970-01-01T00:03:20+00:00"},
@@ -69,9 +44,9 @@ def test_cache_json_lists_every_file_most_recently_read_first(rig: Said, folder:
     ],
 )
 def test_pruning_the_cache_keeps_the_most_recently_read_models_within_the_limit(
-    rig: Said, folder: Path, words: tuple[str, ...], left: set[str]
+    program: Program, folder: Path, words: tuple[str, ...], left: set[str]
 ) -> None:
-    said = as_json(rig("--prune", *words, "--json"))
+    said = program("cache", "--prune", *words, "--json").json
     gone = {name: size for name, (size, _) in FILES.items() if name not in left}
     assert {entry["name"] for entry in said["entries"]} == left
     assert (said["removed"], said["removed_bytes"]) == (len(gone), sum(gone.values()))
@@ -81,9 +56,9 @@ def test_pruning_the_cache_keeps_the_most_recently_read_models_within_the_limit(
 
 @pytest.mark.parametrize("given", ["much", "-1", "nan", "inf", ""])
 def test_a_cache_limit_that_is_not_a_positive_number_is_refused(
-    rig: Said, monkeypatch: pytest.MonkeyPatch, given: str
+    program: Program, monkeypatch: pytest.MonkeyPatch, given: str
 ) -> None:
     monkeypatch.setenv("RIG_CACHE_GB", given)
     with pytest.raises(CacheError):
         most_bytes()
-    assert rig()[0] == 2
+    assert program("cache").code == 2

@@ -1,37 +1,27 @@
 """`rig finger`: what it prints of the default finger and of the synthetic examples, and what it refuses."""
 
-import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.cli import main
 from rig.plan.config import load_config
 from sim.finger import mesh as mesh_module
 from sim.finger.surface import published_points
+from tests.program import Ended, Program
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"
 POINTS = "x_mm,y_mm,z_mm\n" + "".join(f"{x},{y},{z}\n" for x, y, z in published_points()[1])
 
-Finger = Callable[..., tuple[int, str, str]]
+Finger = Callable[..., Ended]
 
 
 @pytest.fixture
-def finger_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Finger:
-    """Run `rig finger` in this process and a folder of its own: exit code, standard output, standard error."""
+def rig_finger(program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Finger:
+    """Run `rig finger` in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["rig", "finger", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return int(caught.value.code or 0), printed.out, printed.err
-
-    return run
+    return lambda *words: program("finger", *words)
 
 
 def configure(geometry: str, **files: str) -> Path:
@@ -45,11 +35,11 @@ def configure(geometry: str, **files: str) -> Path:
     return path
 
 
-def test_rig_finger_json_describes_skin_layers_and_mesh_of_the_larger_example_finger(finger_command: Finger) -> None:
+def test_rig_finger_json_describes_skin_layers_and_mesh_of_the_larger_example_finger(rig_finger: Finger) -> None:
     # 1.2 times the default finger: apex (−0.169, 5.824, 8.415), radii 4.308 and 4.072 mm.
-    code, out, err = finger_command("--config", EXAMPLES / "points.toml", "--json")
-    assert (code, err, out.count("\n")) == (0, "", 1)
-    found: dict[str, Any] = json.loads(out)
+    ended = rig_finger("--config", EXAMPLES / "points.toml", "--json")
+    assert (ended.code, ended.err) == (0, "")
+    found = ended.json
     assert (found["skin"]["source"], found["skin"]["count"]) == ("points", 99)
     assert found["skin"]["residual_rms_mm"] <= found["skin"]["residual_max_mm"] < 0.003
     assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
@@ -66,17 +56,15 @@ def test_rig_finger_json_describes_skin_layers_and_mesh_of_the_larger_example_fi
     assert quality["largest_aspect_ratio_at_mm"][2] > 14  # the tip
 
 
-def test_rig_finger_reads_a_finger_given_by_sections(finger_command: Finger) -> None:
-    code, out, _ = finger_command("--config", EXAMPLES / "sections.toml", "--json")
-    found = json.loads(out)
-    assert code == 0
+def test_rig_finger_reads_a_finger_given_by_sections(rig_finger: Finger) -> None:
+    found = rig_finger("--config", EXAMPLES / "sections.toml", "--json").json
     assert (found["skin"]["source"], found["skin"]["count"]) == ("sections", 16)
     assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
 
 
-def test_the_path_of_a_points_file_is_relative_to_the_configuration_file(finger_command: Finger) -> None:
+def test_the_path_of_a_points_file_is_relative_to_the_configuration_file(rig_finger: Finger) -> None:
     path = configure('points = "mine.csv"', mine=POINTS)
-    assert finger_command("--config", path)[0] == 0
+    assert rig_finger("--config", path).code == 0
     config = load_config(path)
     assert config.finger.geometry.points == tuple(map(tuple, published_points()[1].tolist()))
     written = Path("copy.toml")
@@ -84,27 +72,21 @@ def test_the_path_of_a_points_file_is_relative_to_the_configuration_file(finger_
     assert load_config(written) == config  # a run's own copy holds the numbers
 
 
-def test_rig_finger_writes_the_mesh_as_vtk_and_overwrites_no_file(finger_command: Finger) -> None:
-    code, out, _ = finger_command("--vtk", "mesh.vtk", "--json")
-    assert code == 0
-    text = Path("mesh.vtk").read_text(encoding="ascii")
-    assert f"POINTS {json.loads(out)['nodes']} double\n" in text
-    code, out, _ = finger_command("--vtk", "mesh.vtk", "--json")
-    assert (code, json.loads(out)["code"]) == (2, "exists_already")
+def test_rig_finger_writes_the_mesh_as_vtk_and_overwrites_no_file(rig_finger: Finger) -> None:
+    found = rig_finger("--vtk", "mesh.vtk", "--json").json
+    assert f"POINTS {found['nodes']} double\n" in Path("mesh.vtk").read_text(encoding="ascii")
+    assert rig_finger("--vtk", "mesh.vtk", "--json").error_code == "exists_already"
 
 
-def test_rig_finger_warns_of_a_point_that_does_not_fit_the_skin(finger_command: Finger) -> None:
+def test_rig_finger_warns_of_a_point_that_does_not_fit_the_skin(rig_finger: Finger) -> None:
     lines = POINTS.splitlines()
     lines[10] = "0.098,5.839,6.893"  # a slip of 1 mm
-    code, _, err = finger_command("--config", configure('points = "mine.csv"', mine="\n".join(lines)))
-    assert code == 0
-    assert err.count("\n") == 1
-    assert "(0.10, 5.84, 6.89) mm" in err
+    ended = rig_finger("--config", configure('points = "mine.csv"', mine="\n".join(lines)))
+    assert ended.code == 0
+    assert "(0.10, 5.84, 6.89) mm" in ended.complaint
 
 
-def test_rig_finger_refuses_a_mesh_with_a_folded_element(
-    finger_command: Finger, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rig_finger_refuses_a_mesh_with_a_folded_element(rig_finger: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
     place = mesh_module.nodes_on_rays
 
     def with_a_fold(*arguments: object) -> tuple[Any, Any]:
@@ -113,7 +95,5 @@ def test_rig_finger_refuses_a_mesh_with_a_folded_element(
         return nodes, layers
 
     monkeypatch.setattr(mesh_module, "nodes_on_rays", with_a_fold)
-    code, out, err = finger_command("--json")
-    told = json.loads(out)
-    assert (code, told["exit_code"], err) == (2, 2, f"rig: {told['error_text']}\n")
-    assert told["code"] == "folded"
+    ended = rig_finger("--json")
+    assert (ended.code, ended.error_code) == (2, "folded")

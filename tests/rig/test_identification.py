@@ -21,7 +21,6 @@ from rig.data import RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGE
 from rig.errors import BadInputError, LimitError, TripError
 from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
-from rig.identify.expected_duration import ExpectedDuration, expected_duration
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.identification_script import IdentificationScript
 from rig.identify.press_record import measured_press
@@ -307,17 +306,6 @@ def test_an_identification_names_the_quantities_it_could_not_learn(finger: Finge
     assert len(identification.reports) == 2
     assert any("is known only to ±" in words and "± 1 %" in words for words in identification.not_learned)
     assert any(words.startswith("tau_slow_s ") for words in identification.not_learned)
-
-
-# --- what is said ---
-
-
-@pytest.fixture(scope="module")
-def usual(finger: Fingertip) -> ExpectedDuration:
-    """Of the habits that are set."""
-    expected = expected_duration(SETTINGS, IdentificationOptions(GOALS), finger)
-    assert expected is not None
-    return expected
 
 
 # --- shapes that a finger cannot be pressed with ---

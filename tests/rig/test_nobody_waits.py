@@ -53,7 +53,7 @@ WALK = {
     "watch": Walked("run", "rig.cli.watch.RunScreen", own=False),
     "stream": Walked("--out .", "rig.cli.stream.open_streams", own=False),
     "take-orders": Walked("--indentor bar:3.0 --doi-mm 0.2 --virtual", "rig.cli.take_orders.load_config", own=False),
-    "panel": Walked("--no-browser", "rig.cli.panel._panel", own=False),
+    "panel": Walked("--no-browser", "rig.panel.app.Panel", own=False),
     "export": Walked("run --csv", "rig.data.export.export_run"),
     "study": Walked("study.toml", "rig.study.parallel.in_processes"),
     "indent": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --model finger", LOAD),

@@ -211,7 +211,7 @@ def test_a_study_reports_the_number_of_cases_and_when_all_are_done(rig: Callable
 def test_counted_work_shows_a_progress_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = StringIO()
     monkeypatch.setattr(shown, "err", Console(file=screen, force_terminal=True, width=100))
-    assert list(counted(iter("ab"), 2, "fingers", quiet=True)) == ["a", "b"]
+    assert list(counted(iter("ab"), 2, "fingers")) == ["a", "b"]
     assert "fingers" in screen.getvalue()
     assert "100%" in screen.getvalue()
 
@@ -249,7 +249,7 @@ def test_a_run_on_a_terminal_shows_elapsed_and_remaining_time_and_alarms(
     console = Console(file=screen, force_terminal=True, width=200)
     monkeypatch.setattr(shown, "err", console)
     left = TimeLeft({("home", 1, 0): 10.0}, 3700.0, lambda: 0.0, pace=1.0)
-    with progress(2, left, as_json=True) as watch:
+    with progress(2, left) as watch:
         watch("home", {})
         watch("indentation_start", BEGUN)
         watch("hold_end", {"index": 0, "hold": BEGUN["increments"]})

@@ -339,7 +339,7 @@ SCRIPT: Any = Script()
 
 
 def _requested(into: NewRun, config: Config) -> RequestedRun:
-    return RequestedRun(SCRIPT, config, into, print, as_json=False)
+    return RequestedRun(SCRIPT, config, into, print)
 
 
 def _owning(into: NewRun, *, virtual: bool = False, file: Path | None = None) -> Any:

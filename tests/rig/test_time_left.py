@@ -1,12 +1,10 @@
 """Time gone and left of a run by its rehearsal: from its first second, and without what a person takes."""
 
+from typing import Any, NamedTuple
+
 import pytest
 
 from rig.data.run_state import TimeLeft, Timeline
-
-START = ("indentation_start", {"index": 0})
-HELD = ("hold_end", {"index": 0, "hold": 1})
-END = ("indentation_end", {"index": 0})
 
 
 class Told:
@@ -19,120 +17,88 @@ class Told:
         return self.s
 
 
+DATA: dict[str, Any] = {
+    "indentation_start": {"index": 0}, "hold_end": {"index": 0, "hold": 1}, "indentation_end": {"index": 0},
+    "sample": {"index": 0},
+}  # fmt: skip
+PRESSED = ("mount", "home", "indentation_start", "hold_end", "indentation_end")
+
+
 def _left(clock: Told, *, pace: float = 1.0, measured: bool = False) -> TimeLeft:
     """0 mount, 10 home, 20 begun, 30 held, 32 over; 40 mount, 50 home, 60 rested; ends at 70 s."""
     rehearsal, seconds = Told(), [0.0, 10.0, 20.0, 30.0, 32.0, 40.0, 50.0, 60.0]
     timeline = Timeline(rehearsal.now)
-    events = [("mount", {}), ("home", {}), START, HELD, END, ("mount", {}), ("home", {}), ("rest", {})]
-    for rehearsal.s, (stream, data) in zip(seconds, events, strict=True):
-        timeline.event(stream, data)
-        timeline.event("sample", {"index": 0})
+    for rehearsal.s, stream in zip(seconds, (*PRESSED, "mount", "home", "rest"), strict=True):
+        timeline.event(stream, DATA.get(stream, {}))
+        timeline.event("sample", DATA["sample"])
     return TimeLeft(timeline.instants_s, 70.0, clock.now, pace=pace, measured=measured)
 
 
-def _is(left: TimeLeft, elapsed_s: float, left_s: float) -> None:
-    assert (left.elapsed_s, left.left_s) == (pytest.approx(elapsed_s), pytest.approx(left_s))
+class Then(NamedTuple):
+    """What passes (s), the events that come then, and what is gone and left after them (s)."""
+
+    waits_s: float
+    events: tuple[str, ...]
+    gone_s: float
+    left_s: float
 
 
-def test_the_time_left_does_not_run_before_the_indentor_is_mounted() -> None:
-    clock = Told()
-    left = _left(clock)
-    _is(left, 0.0, 70.0)
-    clock.s += 300.0
-    _is(left, 0.0, 70.0)
-    left.event("mount", {})
-    _is(left, 0.0, 70.0)
+AS_FAST: dict[str, Any] = {}
+RUNS: dict[str, tuple[dict[str, Any], list[Then]]] = {
+    "it does not run before the indentor is mounted": (
+        AS_FAST, [Then(0, (), 0, 70), Then(300, (), 0, 70), Then(0, ("mount",), 0, 70)],
+    ),
+    "it counts down to the next milestone and waits there": (
+        AS_FAST,
+        [
+            Then(0, ("mount",), 0, 70), Then(4, (), 4, 66), Then(0, ("note",), 4, 66), Then(4, (), 8, 62),
+            Then(7, (), 10, 60),  # homing is late: by what, is known when it is over
+            Then(0, ("home",), 15, 60),
+            Then(3, ("indentation_start",), 18, 50),  # sooner than rehearsed
+        ],
+    ),
+    "it excludes pauses and counts a repeated indentation again": (
+        AS_FAST,
+        [
+            Then(0, ("mount",), 0, 70), Then(10, ("home",), 10, 60), Then(10, ("indentation_start",), 20, 50),
+            Then(4, ("sample",), 24, 46), Then(1, ("paused",), 25, 45), Then(500, (), 25, 45),
+            Then(0, ("resumed",), 25, 45), Then(1, (), 26, 44), Then(0, ("indentation_start",), 26, 50),
+        ],
+    ),
+    "it does not run while the next indentor is mounted": (
+        AS_FAST,
+        [
+            Then(0, PRESSED, 0, 38), Then(8, (), 8, 30), Then(100, (), 8, 30),
+            Then(0, ("mount",), 0, 30),  # what led to it was the person's: no more is known of it
+        ],
+    ),
+    "it falls to zero after the last milestone": (AS_FAST, [Then(0, ("rest",), 0, 10), Then(50, (), 10, 0)]),
+    "at four times the speed it is a quarter": (
+        {"pace": 0.25},
+        [Then(0, (), 0, 17.5), Then(0, ("home",), 0, 15), Then(2, (), 2, 13), Then(2, (), 2.5, 12.5)],
+    ),
+    "without a pace it follows the measured one": (
+        {"pace": 0.01, "measured": True},
+        [
+            Then(0, (), 0, 0.7), Then(0, ("mount",), 0, 0.7),
+            Then(1, ("home",), 1, 6),  # 1 s for 10 of the bench
+            Then(0.5, (), 1.5, 5.5),
+            Then(1.5, ("indentation_start",), 3, 7.5),  # 3 s for 20
+        ],
+    ),
+}  # fmt: skip
 
 
-def test_the_time_left_counts_down_to_the_next_milestone_and_waits_there() -> None:
-    clock = Told()
-    left = _left(clock)
-    left.event("mount", {})
-    clock.s += 4.0
-    _is(left, 4.0, 66.0)
-    left.event("note", {})
-    clock.s += 4.0
-    _is(left, 8.0, 62.0)
-    clock.s += 7.0
-    _is(left, 10.0, 60.0)  # homing is late: by what, is known when it is over
-    left.event("home", {})
-    _is(left, 15.0, 60.0)
-    clock.s += 3.0
-    left.event(*START)  # sooner than rehearsed
-    _is(left, 18.0, 50.0)
+@pytest.mark.parametrize("run", RUNS)
+def test_time_gone_and_left_follow_the_rehearsal_without_what_a_person_takes(run: str) -> None:
+    clock, (pace, course) = Told(), RUNS[run]
+    left = _left(clock, **pace)
+    for number, then in enumerate(course):
+        clock.s += then.waits_s
+        for stream in then.events:
+            left.event(stream, DATA.get(stream, {}))
+        assert (left.elapsed_s, left.left_s) == (pytest.approx(then.gone_s), pytest.approx(then.left_s)), number
 
 
-def test_the_time_left_excludes_pauses_and_counts_a_repeated_indentation_again() -> None:
-    clock = Told()
-    left = _left(clock)
-    for stream, data, gone_s in (
-        ("mount", {}, 0.0),
-        ("home", {}, 10.0),
-        (*START, 10.0),
-        ("sample", {"index": 0}, 4.0),
-    ):
-        clock.s += gone_s
-        left.event(stream, data)
-    _is(left, 24.0, 46.0)
-    clock.s += 1.0
-    left.event("paused", {})
-    clock.s += 500.0
-    _is(left, 25.0, 45.0)
-    left.event("resumed", {})
-    _is(left, 25.0, 45.0)
-    clock.s += 1.0
-    _is(left, 26.0, 44.0)
-    left.event(*START)
-    _is(left, 26.0, 50.0)
-
-
-def test_the_time_left_does_not_run_while_the_next_indentor_is_mounted() -> None:
-    clock = Told()
-    left = _left(clock)
-    for stream, data in (("mount", {}), ("home", {}), START, HELD, END):
-        left.event(stream, data)
-    _is(left, 0.0, 38.0)
-    clock.s += 8.0
-    _is(left, 8.0, 30.0)
-    clock.s += 100.0
-    _is(left, 8.0, 30.0)
-    left.event("mount", {})
-    _is(left, 0.0, 30.0)  # what led to it was the person's: no more is known of it
-
-
-def test_the_time_left_after_the_last_milestone_falls_to_zero() -> None:
-    clock = Told()
-    left = _left(clock)
-    left.event("rest", {})
-    _is(left, 0.0, 10.0)
-    clock.s += 50.0
-    _is(left, 10.0, 0.0)
-    assert TimeLeft({}, 5.0, clock.now, pace=1.0).left_s == 5.0
-
-
-def test_the_time_left_of_a_bench_at_four_times_speed_is_a_quarter() -> None:
-    """--speed 4: a quarter of a second for each of the bench's."""
-    clock = Told()
-    left = _left(clock, pace=0.25)
-    _is(left, 0.0, 17.5)
-    left.event("home", {})
-    clock.s += 2.0
-    _is(left, 2.0, 13.0)
-    clock.s += 2.0
-    _is(left, 2.5, 12.5)
-
-
-def test_the_time_left_of_an_unpaced_bench_follows_its_measured_pace() -> None:
-    clock = Told()
-    left = _left(clock, pace=0.01, measured=True)
-    _is(left, 0.0, 0.7)
-    left.event("mount", {})
-    _is(left, 0.0, 0.7)
-    clock.s += 1.0
-    left.event("home", {})  # 1 s for 10 of the bench
-    _is(left, 1.0, 6.0)
-    clock.s += 0.5
-    _is(left, 1.5, 5.5)
-    clock.s += 1.5
-    left.event(*START)  # 3 s for 20
-    _is(left, 3.0, 7.5)
+def test_a_run_without_milestones_has_its_rehearsed_duration_left() -> None:
+    assert TimeLeft({}, 5.0, Told().now, pace=1.0).left_s == 5.0

@@ -124,7 +124,7 @@ def test_a_dry_run_chooses_and_says_what_it_found(here: Path, program: Program) 
 
 
 def _requested(script: Script, config: Config, into: NewRun | StoppedRun) -> RequestedRun:
-    return RequestedRun(script, config, into, print, as_json=True)
+    return RequestedRun(script, config, into, print)
 
 
 def _cuts(lines: list[dict[str, Any]]) -> list[int]:
