@@ -83,7 +83,8 @@ class ForceBytes:
     """What a device is asked, and what its replies mean.
 
     name: of the table. kind: as in the catalogue; table: of [force]. usual: the good reply to every question.
-    on_connect, on_identify: the questions of these. reading: the question for a weight. zero: the command.
+    on_connect, on_identify: the questions of these; again: what else is asked where a reply is missing.
+    reading: the question for a weight. zero: the command.
     not_now: replies upon which it is asked again, and the error if it says nothing else.
     lacks: what this device cannot say, and why. heard: the question in a frame; said: the frame of a reply to one.
     stream_s: a device that replies to no question sends its reading, that of the question UNASKED, so often.
@@ -98,6 +99,7 @@ class ForceBytes:
     usual: Mapping[bytes, bytes]
     on_connect: Sequence[bytes]
     on_identify: Sequence[bytes]
+    again: Sequence[bytes] = ()
     max_age_s: float
     reading: bytes
     zero: bytes

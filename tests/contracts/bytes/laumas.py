@@ -3,7 +3,7 @@
 Frames are written without what their way adds: the CRC of RTU, computed here bit by bit, and the header of TCP.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
@@ -14,7 +14,7 @@ WHO = bytes.fromhex("01 03 00 00 00 04")
 ASK = bytes.fromhex("01 03 00 06 00 08")
 ZERO = bytes.fromhex("01 10 00 05 00 01 02 00 08")
 OBEYED = bytes.fromhex("01 10 00 05 00 01")
-BUSY = bytes.fromhex("01 83 06")
+RESUME, NO_SUCH_FUNCTION = bytes.fromhex("01 07"), bytes.fromhex("01 87 01")
 
 
 def shown(status: str, gross: str, units: str = "01 0C") -> bytes:
@@ -102,16 +102,22 @@ def _tcp_reply(question: bytes, reply: bytes) -> bytes:
     return question[:2] + len(reply).to_bytes(4, "big") + reply
 
 
-def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight], **way: Callable[..., bytes]) -> Any:
+def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight], **way: Any) -> Any:
     return ForceBytes(
         name=name,
         kind="laumas",
         table={"baud": 115200, **table},
         source=SOURCE,
         identity="Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
-        usual={WHO: bytes.fromhex("01 03 08 01 05 00 1E 07 E8 04 D2"), ASK: GOOD, ZERO: OBEYED},
+        usual={
+            WHO: bytes.fromhex("01 03 08 01 05 00 1E 07 E8 04 D2"),
+            ASK: GOOD,
+            ZERO: OBEYED,
+            RESUME: NO_SUCH_FUNCTION,
+        },
         on_connect=[WHO, ASK],
         on_identify=[WHO, ASK],
+        again=() if table else [RESUME],
         max_age_s=0.4,
         reading=ASK,
         zero=ZERO,

@@ -75,6 +75,7 @@ def usual(device: int, lowest: str, homing: str) -> Replies:
         **shown(device, "60 00", "00 02"),
         **several(f"{d} 10 62 00 00 01 02 00 00"),
         **one(f"{d} 06 18 01 11 11"),
+        said(f"{d} 07"): said(f"{d} 87 01"),  # the status of exceptions, a function that the drive lacks
         **one(f"{d} 06 60 02 00 40"),
         **status(device, HOMED),
         **stands(device, ZERO, ZERO),
