@@ -78,6 +78,23 @@ ZEROING = {
 }
 
 
+def _alike(frame: bytes) -> bytes:
+    """Status, gross weight and unit; of one that cannot be weighed its reason, and of an identity its length.
+
+    Without the sign of the net weight, which has that of the gross weight where there is no tare.
+    """
+    for words, length in ((bytes.fromhex("01 03 10"), 19), (bytes.fromhex("01 03 08"), 3)):
+        start = frame.find(words)
+        if start >= 0:
+            frame = frame[start : start + length]
+            break
+    if len(frame) < 19:
+        return frame
+    status = int.from_bytes(frame[3:5], "big") & ~0x0100
+    reason = status & 0x0005
+    return b"%04X " % (status & 0x0085) if reason else b"%04X " % status + frame[5:9] + frame[17:]
+
+
 def _crc(data: bytes) -> bytes:
     crc = 0xFFFF
     for byte in data:
@@ -126,6 +143,12 @@ def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight]
         garbled={**GARBLED, **garbled},
         zeroing=ZEROING,
         not_now=NOT_NOW,
+        alike=_alike,
+        not_on_twin={
+            "bit 8, the minus of net": "without a tare the net weight has the sign of the gross weight",
+            "underload": "the virtual transmitter shows such a pull as a gross weight out of range, bit 4",
+            "moving, both words": "1000 g is more than the virtual transmitter weighs",
+        },
         lacks={"nan": "a weight is a whole number of counts"},
         **way,
     )
@@ -136,6 +159,7 @@ RTU = _device(
     {},
     {"bad CRC": NoWeight(GOOD, mangled=lambda frame: frame[:-1] + bytes([frame[-1] ^ 1]))},
     heard=_rtu_question,
+    framed=lambda question: question + _crc(question),
     said=lambda question, reply: reply + _crc(reply),
 )
 TCP = _device(
@@ -143,5 +167,6 @@ TCP = _device(
     {"framing": "tcp"},
     {"to another question": NoWeight(GOOD, ForceTimeout, "no_reply", lambda frame: b"\x00\x01" + frame[2:])},
     heard=_tcp_question,
+    framed=lambda question: b"\x80\x01\x00\x00" + len(question).to_bytes(2, "big") + question,
     said=_tcp_reply,
 )
