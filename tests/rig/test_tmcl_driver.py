@@ -160,27 +160,6 @@ def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
     assert TmclLink(wire, clock).ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
 
 
-@pytest.mark.parametrize(
-    ("names", "asked"), [("AA", 2), ("ABB", 3), ("ABCC", 4), ("ABCDD", 4), ("A-A", 3), ("--AA", 4), ("---", 3)]
-)
-def test_a_module_names_itself_twice_alike(names: str, asked: int) -> None:
-    """The reply has no checksum. -: none comes."""
-    clock, left = VirtualClock(0.0, 100.0), list(names)
-    replies = {name: [b"\x02" + b"1161V14" + name.encode("ascii")] for name in "ABCD"}
-    wire = ScriptedWire(clock, lambda data: replies.get(left.pop(0), []) if data[1:2] == bytes([VERSION]) else [])
-    link = TmclLink(wire, clock)
-    if names == "ABCDD":
-        with raises(StageError, "answers_differ", device=1, once="1161V14C", again="1161V14D"):
-            link.version(X)
-    elif names == "---":
-        with raises(StageTimeout, "no_reply", device=1, motor=0):
-            link.version(X)
-        assert clock.monotonic_s() - 100.0 == pytest.approx(3 * 0.2 + 2 * 0.03)
-    else:
-        assert link.version(X) == f"1161V14{names[-1]}"
-    assert wire.sent.count(TmclRequest(X, VERSION).frame()) == asked
-
-
 # --- the stage on the virtual modules ---
 
 
@@ -406,34 +385,6 @@ def test_a_module_replies_to_its_host_alone(host: int) -> None:
     assert (found.probe(bench.wire.at, bench.clock, settings) is not None) is (host == 2)
     with nullcontext() if host == 2 else raises(StageError, "garbled"):
         find(StageKind, "tmcl").driver(bench.wire.at, bench.clock, settings).connect()
-
-
-RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
-OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
-
-
-@pytest.mark.parametrize("far", [False, True], ids=["", "at the other switch"])
-@pytest.mark.parametrize("own", [{}, RIGHT, OLD], ids=["left", "right", "old units"])
-def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any], far: bool) -> None:
-    """As by a search mode for the other switch: a millimeter, a look and the brakes."""
-    bench = bench_of(stage=own)
-    bench.stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
-    z: Any = bench.devices.z
-    parameter = z.parameter
-    z.parameter = lambda number: 1 if far and number == z._far else parameter(number)
-    per_mm = abs(bench.stage.steps_per_mm("z"))
-
-    def search() -> None:
-        z._ramp([(z._lowest, 5.0 * per_mm)])
-        z._searching = True
-
-    z.search = search
-    before = z.carriage_at(bench.clock.monotonic_s())
-    with raises(StageError, "homes_the_wrong_way", axis="z"):
-        bench.stage.home()
-    bench.clock.wait_s(1.0)
-    assert 1.0 < (before - z.carriage_at(bench.clock.monotonic_s())) / per_mm < 1.7
-    assert not bench.stage.homed
 
 
 def test_another_axis_that_moves_by_itself_ends_homing_and_is_stopped() -> None:
