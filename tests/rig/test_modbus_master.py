@@ -127,6 +127,11 @@ def test_a_read_with_a_bad_crc_is_repeated(master: Any, rtu: Rtu, clock: Virtual
     assert master([(READ_2, bad), RESUME, (READ_2, bad), RESUME, (READ_2, good)]).read(1, 7, 2) == [1, 0x86A0]
 
 
+def test_a_late_answer_to_function_07_costs_no_try(master: Any, rtu: Rtu) -> None:
+    late = [RESUME[1], rtu(ANSWER_2)]
+    assert master([(READ_2, b""), (RESUME[0], b""), RESUME, (READ_2, late)]).read(1, 7, 2) == [1, 0x86A0]
+
+
 def test_an_answer_from_another_device_is_refused(master: Any, rtu: Rtu) -> None:
     with raises(ModbusGarbled, "another_device", device=1, answering=5):
         master(three_times(READ_2, rtu("05 03 04 00 01 86 A0"))).read(1, 7, 2)

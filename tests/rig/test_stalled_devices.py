@@ -76,9 +76,10 @@ stalls = pytest.mark.parametrize("for_s", STALLS_S)
 
 @forgetting
 @stalls
+@pytest.mark.parametrize("every_s", [EVERY_S, 0.7], ids=lambda t_s: f"asked each {t_s:g} s")
 @pytest.mark.parametrize("turnaround_s", [2e-3, 0.03, 0.15], ids=lambda t_s: f"replies in {1e3 * t_s:g} ms")
 def test_a_modbus_rtu_read_after_a_stall_has_its_own_registers(
-    for_s: float, forgets: bool, turnaround_s: float
+    for_s: float, forgets: bool, turnaround_s: float, every_s: float
 ) -> None:
     clock = VirtualClock()
     line = SerialLine(clock, BAUD)
@@ -95,7 +96,7 @@ def test_a_modbus_rtu_read_after_a_stall_has_its_own_registers(
                 continue
             assert found == [address + k for k in range(count)], clock.monotonic_s()
             read += clock.monotonic_s() > 0.5 + for_s + 2.0
-        clock.wait_s(EVERY_S)
+        clock.wait_s(every_s)
     assert read > 4, "it recovers"
 
 
