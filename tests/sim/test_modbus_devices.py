@@ -109,6 +109,42 @@ def test_the_virtual_drive_stops_at_its_soft_limits(host: Host, rtu: Rtu) -> Non
     assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FF F8 30")
 
 
+def test_a_quick_stop_of_the_virtual_drive_decelerates_and_keeps_the_position(host: Host, rtu: Rtu) -> None:
+    """600 rpm are 4000 pulses/s: to rest in 10 ms after 20 pulses, 15 of them in the first half."""
+    host.say(rtu(go("00 01", "00 01 00 00", "02 58")), 1.0)
+    order = rtu("01 06 60 02 00 40")
+    host.line.host_write(order)
+    host.clock.wait_s(len(order) * 10 / 115200)
+    start_s = host.clock.monotonic_s()
+    host.clock.wait_s(0.02)
+    start, half, end = (host.drive.carriage_at(start_s + t_s) for t_s in (0.0, 0.005, 0.01))
+    assert (half - start, end - start) == (pytest.approx(15, abs=1), pytest.approx(20, abs=1))
+    assert host.drive.carriage_at(start_s + 0.007) < end
+    assert host.line.host_read() == order
+    counts = f"{end + 4000:08X}"
+    assert host.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
+    # The rest of the path is dropped, and the next one ends where it should.
+    assert host.say(rtu(STATUS), 1.0) == rtu("01 03 02 00 02")
+    assert host.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
+    host.say(rtu(go("00 01", "00 00 00 64", "02 58")), 5.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == -3900
+
+
+def test_an_alarm_stops_the_virtual_drive_until_it_is_cleared(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 01", "00 01 00 00")), 0.5)
+    host.drive.fault(0x152)
+    host.clock.wait_s(0.1)
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 01")
+    assert host.say(rtu("01 03 22 03 00 01")) == rtu("01 03 02 01 52")
+    before = host.drive.carriage_at(host.clock.monotonic_s())
+    for order in (go("00 01", "00 00 00 64"), "01 06 60 02 00 20", "01 06 18 01 40 01"):
+        host.say(rtu(order), 0.5)
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == before
+    host.say(rtu("01 06 18 01 11 11"))
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
+
+
 @pytest.mark.parametrize(("word", "sign"), [("40 01", 1), ("40 02", -1)])
 def test_a_jog_of_the_virtual_drive_ends_50_ms_after_its_last_command(
     host: Host, rtu: Rtu, word: str, sign: int
