@@ -160,6 +160,27 @@ def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
     assert TmclLink(wire, clock).ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
 
 
+@pytest.mark.parametrize(
+    ("names", "asked"), [("AA", 2), ("ABB", 3), ("ABCC", 4), ("ABCDD", 4), ("A-A", 3), ("--AA", 4), ("---", 3)]
+)
+def test_a_module_names_itself_twice_alike(names: str, asked: int) -> None:
+    """The reply has no checksum. -: none comes."""
+    clock, left = VirtualClock(0.0, 100.0), list(names)
+    replies = {name: [b"\x02" + b"1161V14" + name.encode("ascii")] for name in "ABCD"}
+    wire = ScriptedWire(clock, lambda data: replies.get(left.pop(0), []) if data[1:2] == bytes([VERSION]) else [])
+    link = TmclLink(wire, clock)
+    if names == "ABCDD":
+        with raises(StageError, "answers_differ", device=1, once="1161V14C", again="1161V14D"):
+            link.version(X)
+    elif names == "---":
+        with raises(StageTimeout, "no_reply", device=1, motor=0):
+            link.version(X)
+        assert clock.monotonic_s() - 100.0 == pytest.approx(3 * 0.2 + 2 * 0.03)
+    else:
+        assert link.version(X) == f"1161V14{names[-1]}"
+    assert wire.sent.count(TmclRequest(X, VERSION).frame()) == asked
+
+
 # --- the stage on the virtual modules ---
 
 
