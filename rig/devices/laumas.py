@@ -72,21 +72,15 @@ class LaumasForce:
                     "no_stable_load",
                 )
             self._clock.wait_s(self.sample_period_s)
-        self._command(settings.zero_command if settings.weight == "gross" else settings.tare_command)
+        number = settings.zero_command if settings.weight == "gross" else settings.tare_command
+        with self._errors():
+            self._bus.write(settings.device_id, COMMAND, [number])
         self._clock.wait_s(self.sample_period_s)
         left_gwt = self.read().force_n / GWT_N
         if abs(left_gwt) > self.resolution_gwt:
             raise ForceBusy(
                 f"{self._label}: the weight is {left_gwt:.3g} gwt after zeroing; zero again", "not_zeroed"
             )
-
-    def tare(self) -> None:
-        """Tare: set the net weight to zero. Raises ForceError."""
-        self._command(self._settings.tare_command)
-
-    def show_gross(self) -> None:
-        """Forget the tare. Raises ForceError."""
-        self._command(self._settings.gross_command)
 
     def set_point_gwt(self, register: int) -> float:
         """Return the force at which the instrument's relay switches, from two registers. Raises ForceError."""
@@ -140,10 +134,6 @@ class LaumasForce:
             if _bit(status, bit):
                 kind = ForceUnderload if negative else ForceOverload
                 raise kind(f"{self._label}: {problem}", code)
-
-    def _command(self, number: int) -> None:
-        with self._errors():
-            self._bus.write(self._settings.device_id, COMMAND, [number])
 
     def _read(self, address: int, count: int, *, silent: str = "no_reply") -> list[int]:
         with self._errors(silent):

@@ -25,7 +25,7 @@ from rig.units import GWT_N
 REPLY_S = 0.5
 # A busy balance is asked again at this interval, longer than a reply takes, until REPLY_S after the first request.
 ASK_AGAIN_S = 0.05
-# Zero and tare wait in the balance for a stable load.
+# Zero waits in the balance for a stable load.
 SETTLE_S = 10.0
 
 _NUMBERED = "I4 A"
@@ -68,36 +68,25 @@ class MtSicsForce:
         return f"MT-SICS balance {self._hello('I4')}"
 
     def read(self) -> ForceReading:
-        return self._weight("SI", REPLY_S)
-
-    def read_stable(self, timeout_s: float) -> ForceReading:
-        """Wait for a stable value, at most timeout_s. Raises ForceError."""
-        return self._weight("S", timeout_s)
-
-    def zero(self) -> None:
-        """Zero at the next stable load. Raises ForceError."""
-        if self._ask("Z", SETTLE_S)[1] != "A":
-            raise self._garbled("Z")
-
-    def tare(self) -> float:
-        """Tare at the next stable load, and return that load (N). Raises ForceError."""
-        return self._newton(self._ask("T", SETTLE_S))
-
-    def close(self) -> None:
-        self._transport.close()
-
-    def _weight(self, command: str, timeout_s: float) -> ForceReading:
         """Ask for a weight, and again while the balance is busy. Raises ForceError."""
-        until_s = self._clock.monotonic_s() + timeout_s
+        until_s = self._clock.monotonic_s() + REPLY_S
         while True:
             try:
-                words = self._ask(command, until_s - self._clock.monotonic_s())
+                words = self._ask("SI", until_s - self._clock.monotonic_s())
                 return ForceReading(self._newton(words), words[1] == "S", self._clock.monotonic_s())
             except ForceBusy:
                 # The last request needs time for its reply: a late one would put the balance out of step.
                 if self._clock.monotonic_s() + 2 * ASK_AGAIN_S > until_s:
                     raise
                 self._clock.wait_s(ASK_AGAIN_S)
+
+    def zero(self) -> None:
+        """Zero at the next stable load. Raises ForceError."""
+        if self._ask("Z", SETTLE_S)[1] != "A":
+            raise self._garbled("Z")
+
+    def close(self) -> None:
+        self._transport.close()
 
     def _newton(self, words: list[str]) -> float:
         if len(words) != 4 or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):

@@ -10,6 +10,8 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
+from pymodbus.framer import FramerRTU
+
 from rig.clock import Clock
 from rig.devices.base import StageRejected
 from rig.devices.drive_link import READ_TRIES, REPLY_S, DriveLink
@@ -64,19 +66,10 @@ class AxisStatus:
         return bool(self.command & RUNNING) or self.moves
 
 
-def crc(payload: bytes) -> int:
-    """Return the CRC-16 of Modbus."""
-    value = 0xFFFF
-    for byte in payload:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return value
-
-
 def frame(letters: str, payload: bytes = b"") -> bytes:
-    """Return a command or a reply."""
-    return letters.encode("ascii") + payload + (crc(payload).to_bytes(CRC_BYTES, "little") if payload else b"")
+    """Return a command or a reply; the CRC is that of Modbus."""
+    seal = FramerRTU.compute_CRC(payload).to_bytes(CRC_BYTES, "big") if payload else b""
+    return letters.encode("ascii") + payload + seal
 
 
 class StandaLink(DriveLink):

@@ -4,12 +4,14 @@ This makes one code serve the virtual and the wall clock; the clients of pymodbu
 Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
 """
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.other_message import ReadExceptionStatusRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
     WriteMultipleRegistersRequest,
@@ -28,16 +30,17 @@ READ_TRIES = 3
 ASK_AGAIN_S, BUSY_S = 0.02, 0.1
 BROADCAST = 0
 # Replies on a serial line have no number. For LATE_S after an unanswered request, its reply may still arrive and be
-# taken for the reply to a later request of the same kind, so such requests wait for a second reply.
-LATE_S, LISTEN_S, LISTEN_BYTES = 3.0, 0.02, 40
+# taken for that to a later one. A device replies in turn. Once it has replied to a request of function 07, if only
+# that it has no such function, nothing earlier can follow; this function is used for nothing else.
+LATE_S = 3.0
 # If TCP loses a byte, a device takes the first byte of the next frame for the last byte of a register. No trigger,
 # control word or path has a low byte of 80 hex or more there, so all transaction numbers begin with one.
 FIRST_TRANSACTION, TRANSACTIONS = 0x8000, 0x8000
 # A character has 11 bits on a serial line; above 19200 baud the silence is fixed.
 SILENT_BITS, FIXED_SILENCE_S, FAST_BAUD = 38.5, 1.75e-3, 19200
 
-_READ = 3
-_FUNCTIONS = {_READ: "read", 6: "write", 16: "write"}
+_READ, _RESUME, _REFUSED = 3, 7, 0x80
+_FUNCTIONS = {_READ: "read", 6: "write", _RESUME: "status", 16: "write"}
 _EXCEPTIONS = {
     1: "illegal function", 2: "illegal data address", 3: "illegal data value", 4: "device failure",
     5: "acknowledged, not done yet", 6: "device busy", 8: "memory parity error",
@@ -81,18 +84,14 @@ class ModbusNotDone(ModbusBusy):
     """Error of a request that was not carried out, since the device, or its gateway, is busy."""
 
 
-def _kind(request: ModbusPDU) -> tuple[int, ...]:
-    """Return the part of a request that its reply repeats."""
-    return (request.dev_id, request.function_code, request.count)
-
-
 class ModbusMaster:
     """Master of one bus (RTU) or one connection (TCP); devices have ids 1 … 247.
 
     baud determines the silence between RTU frames. reply_s bounds the wait for a reply. A read that times out or is
     garbled is repeated, up to read_tries in all; a write is not, since the device may have carried it out. A read
     that the device cannot answer now, or a write that it did not carry out because it is busy, is repeated for
-    BUSY_S, or until send_now().
+    BUSY_S, or until send_now(). After an exchange on a serial line that failed, a device is read only once it is
+    certain that no reply to an earlier request can follow.
 
     Many RS-485 adapters echo. The first read detects this, and the echo is then removed from every reply, so that
     the echo of a write, which equals the reply to function 06, does not count as one.
@@ -118,8 +117,8 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
-        # kind of each request without a reply, and until when (s) it was awaited
-        self._unanswered: dict[tuple[int, ...], float] = {}
+        # until when (s) a device may still reply to an earlier request
+        self._late_until_s: dict[int, float] = {}
         self._one = threading.Lock()
         self._times_sent_now = 0  # counted from any thread
         # whether the adapter echoes; None until the first read
@@ -140,15 +139,29 @@ class ModbusMaster:
         return list(answer.registers)
 
     def _read(self, request: ReadHoldingRegistersRequest) -> ModbusPDU:
-        for left in reversed(range(self._read_tries)):
+        failure: ModbusError | None = None
+        for _ in range(self._read_tries):
             try:
+                if self._late(request.dev_id):
+                    self._resume(request)
                 return self._exchange(request, lambda answer: len(answer.registers) == request.count)
-            except (ModbusTimeout, ModbusGarbled):
-                if not left:
-                    raise
+            except (ModbusTimeout, ModbusGarbled) as error:
+                failure = failure or error
                 with in_turn(self._one, 2 * self._reply_s):
                     self._drain()
-        raise ValueError(f"read_tries must be positive, got {self._read_tries}")
+        if failure is None:
+            raise ValueError(f"read_tries must be positive, got {self._read_tries}")
+        raise failure
+
+    def _resume(self, request: ModbusPDU) -> None:
+        """Wait until the device has replied to all earlier requests."""
+        try:
+            self._exchange(ReadExceptionStatusRequest(dev_id=request.dev_id), lambda answer: True)
+        except ModbusRefused:
+            pass
+        except ModbusError as error:
+            raise type(error)(f"{self._label(request)}: not sent, because of {error}", error.code) from error
+        self._late_until_s.pop(request.dev_id, None)
 
     def write_one(self, device_id: int, address: int, value: int) -> None:
         """Write one register (function 06). Raises ModbusError, TransportError."""
@@ -198,21 +211,22 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         for _ in arrived(self._transport):
-            self._unanswered.clear()  # The data arrived unsolicited.
+            pass
         frame = self._frame(request)
         self._send(frame)
         try:
-            answer = self._answer(request, frame)
+            answer = self._answer(request, frame, fits)
             if answer.isError():
                 raise self._refused(request, answer)
             if answer.function_code != request.function_code or not fits(answer):
                 raise ModbusGarbled(
                     f"{self._label(request)}: the answer does not match the request ({answer})", "does_not_fit"
                 )
-        except ModbusError as error:
-            answered = isinstance(error, ModbusRefused) and not self._late  # else an earlier request may be meant
-            if error.code != "late_answer" and not answered:  # The reply to this request may still follow.
-                self._unanswered[_kind(request)] = self._clock.monotonic_s()
+        except ModbusRefused:
+            raise
+        except ModbusError:
+            if self._rtu:
+                self._late_until_s[request.dev_id] = self._clock.monotonic_s() + LATE_S
             raise
         return answer
 
@@ -225,8 +239,8 @@ class ModbusMaster:
         self._transport.write(frame)
         self._free_s = self._clock.monotonic_s() + len(frame) * self._byte_s + self._silence_s
 
-    def _answer(self, request: ModbusPDU, sent: bytes) -> ModbusPDU:
-        """Return the reply to this request; skip older ones on a TCP connection."""
+    def _answer(self, request: ModbusPDU, sent: bytes, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
+        """Return the reply to this request; skip older ones where they are recognized."""
         deadline_s = self._clock.monotonic_s() + self._reply_s
         received, echo_due = b"", self.echoes is True or (self.echoes is None and request.function_code == _READ)
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
@@ -239,10 +253,9 @@ class ModbusMaster:
                 if len(received) < len(sent) and sent.startswith(received):
                     continue
                 received, echo_due = self._without_echo(request, received, sent), False
-            received, answer = self._first_fitting(request, received)
+            received, answer = self._first_own(request, received, fits)
             if answer is None:
                 continue
-            self._refuse_two_answers(request, received)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(
                     f"{self._label(request)}: device {answer.dev_id} answered instead", "another_device"
@@ -265,36 +278,31 @@ class ModbusMaster:
         self.echoes = found
         return received[len(sent) :] if found else received
 
-    def _first_fitting(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
-        """Return the rest of the data and the first complete reply; on TCP, the first with the request's number."""
+    def _first_own(
+        self, request: ModbusPDU, received: bytes, fits: Callable[[ModbusPDU], bool]
+    ) -> tuple[bytes, ModbusPDU | None]:
+        """Return the rest of the data and the first complete reply that is not known to be to an older request."""
         while received:
             left, answer = self._decoded(request, received)
-            if answer is not None and (self._rtu or answer.transaction_id == request.transaction_id):
+            if answer is not None and not self._is_older(answer, request, fits):
                 return left, answer
             if left == received:
                 break
             received = left
         return received, None
 
-    def _refuse_two_answers(self, request: ModbusPDU, received: bytes) -> None:
-        """Reject two replies after an unanswered request, since either may be the late one."""
-        kind = _kind(request)
-        if not self._rtu or kind not in self._late:
-            return
-        until_s = self._clock.monotonic_s() + LISTEN_S + LISTEN_BYTES * self._byte_s
-        while (left_s := until_s - self._clock.monotonic_s()) > 0:
-            received += self._transport.read(left_s)
-        if received:
-            self._unanswered.pop(kind, None)
-            raise ModbusGarbled(
-                f"{self._label(request)}: a late answer to an earlier request also arrived", "late_answer"
-            )
+    def _is_older(self, answer: ModbusPDU, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> bool:
+        if not self._rtu:
+            return bool(answer.transaction_id != request.transaction_id)
+        function = answer.function_code & ~_REFUSED
+        if function == _RESUME != request.function_code:
+            return True
+        own = function == request.function_code and (answer.isError() or fits(answer))
+        return not own and answer.dev_id == request.dev_id and self._late(request.dev_id)
 
-    @property
-    def _late(self) -> set[tuple[int, ...]]:
-        """Kinds of requests whose reply may still arrive."""
-        now_s = self._clock.monotonic_s()
-        return {kind for kind, since_s in self._unanswered.copy().items() if now_s < since_s + LATE_S}
+    def _late(self, device_id: int) -> bool:
+        """Return whether a device may still reply to an earlier request."""
+        return self._clock.monotonic_s() < self._late_until_s.get(device_id, -math.inf)
 
     def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
         """Return the rest of the data, and its reply if it is complete."""
@@ -328,8 +336,9 @@ class ModbusMaster:
         return kind(f"{self._label(request)}: refused with exception {number}, {meaning}")
 
     def _label(self, request: ModbusPDU) -> str:
-        code = request.function_code
-        what = f"{_FUNCTIONS[code]} (function {code}) of {request.count} registers at 0x{request.address:04X}"
+        what = f"{_FUNCTIONS[request.function_code]} (function {request.function_code})"
+        if request.function_code != _RESUME:
+            what += f" of {request.count} registers at 0x{request.address:04X}"
         return f"{self.name}: device {request.dev_id}, {what}"
 
 

@@ -15,7 +15,7 @@ RATE_HZ = 200
 COUNTS_PER_KGF = COUNTS_PER_NM = 1_000_000
 """In kgf, so that steps of a gram-weight are whole counts."""
 HEADER, STOP, REAL_TIME, BUFFERED, RESET_LATCH, BIAS = 0x1234, 0, 2, 3, 0x41, 0x42
-NO_CELL = 1 << 31 | 1 << 28
+NO_CELL, SATURATED = 1 << 31 | 1 << 28, 1 << 31 | 1 << 17
 _SET = re.compile(rb"GET /(?:comm|setting)\.cgi\?(comrdtrate|setuserfilter)=(\d{1,4}) ")
 _MOST = (1 << 31) - 1
 
@@ -102,7 +102,9 @@ class VirtualNetFt:
         """Return the record of the newest sample."""
         counts, axes = self._counts(), [0] * 6
         status = NO_CELL if counts is None else self.status
-        axes[self._axis] = max(min((counts or 0) - (self._bias or 0), _MOST), -_MOST)
+        force = (counts or 0) - (self._bias or 0)
+        axes[self._axis] = max(min(force, _MOST), -_MOST)
+        status |= SATURATED if abs(force) > _MOST else 0
         return struct.pack(">III6i", self._number, self._sample, status, *axes)
 
     def _counts(self) -> int | None:

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from functools import partial
 from math import inf, trunc
 
+from pymodbus.framer import FramerRTU
+
 from sim.devices.clock import Scheduler
 from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair
 from sim.devices.line import SerialLine, VirtualStageSpec
@@ -36,21 +38,9 @@ FASTEST = 100_000
 BEYOND_MM = 0.5
 
 
-def _shifted(value: int) -> int:
-    for _ in range(8):
-        value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return value
-
-
-_SHIFTED = [_shifted(byte) for byte in range(256)]
-
-
 def crc(payload: bytes) -> bytes:
     """Return the CRC-16 of Modbus, low byte first."""
-    value = 0xFFFF
-    for byte in payload:
-        value = value >> 8 ^ _SHIFTED[(value ^ byte) & 0xFF]
-    return value.to_bytes(CRC_BYTES, "little")
+    return FramerRTU.compute_CRC(payload).to_bytes(CRC_BYTES, "big")
 
 
 def frame(letters: str, payload: bytes = b"") -> bytes:

@@ -83,10 +83,13 @@ class ForceBytes:
     """What a device is asked, and what its replies mean.
 
     name: of the table. kind: as in the catalogue; table: of [force]. usual: the good reply to every question.
-    on_connect, on_identify: the questions of these. reading: the question for a weight. zero: the command.
+    on_connect, on_identify: the questions of these; again: what else is asked where a reply is missing.
+    reading: the question for a weight. zero: the command.
     not_now: replies upon which it is asked again, and the error if it says nothing else.
     lacks: what this device cannot say, and why. heard: the question in a frame; said: the frame of a reply to one.
     stream_s: a device that replies to no question sends its reading, that of the question UNASKED, so often.
+    framed: the frame of a question. alike: a reply without what each device has of its own, such as a serial number.
+    not_on_twin: questions, and names of weights and refusals, that cannot be tried on the twin, and why.
     max_age_s: what the entry declares with this table.
     """
 
@@ -98,6 +101,7 @@ class ForceBytes:
     usual: Mapping[bytes, bytes]
     on_connect: Sequence[bytes]
     on_identify: Sequence[bytes]
+    again: Sequence[bytes] = ()
     max_age_s: float
     reading: bytes
     zero: bytes
@@ -108,7 +112,10 @@ class ForceBytes:
     not_now: Mapping[str, NoWeight] = field(default_factory=dict)
     lacks: Mapping[str, str] = field(default_factory=dict)
     heard: Frame = as_it_is
+    framed: Frame = as_it_is
     said: Callable[[bytes, bytes], bytes] = lambda question, reply: reply
+    alike: Frame = as_it_is
+    not_on_twin: Mapping[bytes | str, str] = field(default_factory=dict)
     stream_s: float = math.inf
 
     def questions(self, number: int) -> list[bytes]:

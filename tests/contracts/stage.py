@@ -108,6 +108,10 @@ class StageBytes:
     has, too; "" where the manual has none, or the number is one. shows: what is noticed, and what is not. ends: of
     homing. search: what z shows while it searches home at a height (mm) and a speed (mm/s), with the home or the far
     switch active.
+
+    For the twin: framed: the frame of a question or a command. alarmed: the accident that leads to "alarm". alike: a
+    reply without what each device has of its own, such as a serial number or a voltage. not_on_twin: questions,
+    commands and states that are not tried, and why.
     """
 
     name: str
@@ -141,6 +145,10 @@ class StageBytes:
     lacks: Mapping[str, str] = field(default_factory=dict)
     frames: Callable[[bytes], Sequence[bytes]] = lambda data: [data]
     heard: Callable[[bytes], bytes] = as_it_is
+    framed: Callable[[bytes], bytes] = as_it_is
+    alarmed: Callable[[Any], object] | None = None
+    alike: Callable[[bytes], bytes] = as_it_is
+    not_on_twin: Mapping[bytes | str, str] = field(default_factory=dict)
     said: Callable[[bytes, bytes], bytes] = lambda frame, reply: reply
 
 

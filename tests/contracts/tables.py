@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from rig.devices.counted_axis import TwoAxisStage
 from rig.devices.registry import BUILT_IN
+from tests.contracts.force import ForceBytes
 from tests.contracts.stage import StageBench, StageBytes
 
 FOLDER = Path(__file__).parent / "bytes"
@@ -28,6 +29,11 @@ def stage_table(kind: str) -> StageBytes:
     found = next((device for device in tables(StageBytes) if device.kind == kind), None)
     assert found is not None, f"tests/contracts/bytes/{kind}.py: no StageBytes with kind={kind!r}"
     return found
+
+
+def force_table(name: str) -> ForceBytes:
+    """The table of a force sensor, by its name."""
+    return next(device for device in tables(ForceBytes) if device.name == name)
 
 
 def counted_stages() -> list[str]:

@@ -43,6 +43,7 @@ class ReadOnly:
     unusable: Mapping[str, Mapping[bytes, bytes]] = field(default_factory=dict)
     elsewhere: Mapping[bytes, bytes] = field(default_factory=dict)
     opens: str = ""  # what is opened instead of the port
+    again: Mapping[bytes, bytes] = field(default_factory=dict)  # what else is asked where a reply is missing
 
 
 GRBL = ReadOnly(
@@ -76,6 +77,7 @@ LEADSHINE_RTU = ReadOnly(
     }),
     "Leadshine drives 1 and 2",
     unusable={"one_drive": _hex({"02 03 10 03 00 01 70 F9": ""})},
+    again=_hex({"01 07 41 E2": "01 87 01 82 30", "02 07 41 12": "02 87 01 72 30"}),
 )  # fmt: skip
 LEADSHINE_TCP = ReadOnly(
     "leadshine", TCP, (115200, "8N1"),
@@ -96,6 +98,7 @@ LAUMAS_RTU = ReadOnly(
     }),
     "Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
     unusable={"wrong_unit": _hex({"01 03 00 06 00 08 A4 0D": f"01 03 10 {WEIGHTS} 0D DD 33"})},
+    again=_hex({"01 07 41 E2": "01 87 01 82 30"}),
 )  # fmt: skip
 LAUMAS_TCP = ReadOnly(
     "laumas", TCP, (9600, "8N1"),
@@ -169,7 +172,8 @@ class Port:
     def write(self, data: bytes) -> None:
         modbus_tcp = self._asks.port == TCP
         number, question = (data[:TRANSACTION], data[TRANSACTION:]) if modbus_tcp else (b"", data)
-        assert question in self._asks.questions, f"{question.hex(' ')} is not a question that a probe may send"
+        allowed = {**self._asks.questions, **self._asks.again}
+        assert question in allowed, f"{question.hex(' ')} is not a question that a probe may send"
         self.sent.append(data)
         if self._clock.monotonic_s() < self.deaf_until_s:
             return

@@ -112,21 +112,6 @@ def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: C
     assert GrblStage(scripted(script), clock).connect()
 
 
-@pytest.mark.parametrize(
-    ("board", "settings"),
-    [
-        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=0.000\r\n", "; send it $131=30 (found 0)"),
-        (b"$20=0\r\n$22=0\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", "; send it $22=1 (found 0)"),
-    ],
-)
-def test_a_board_that_is_not_set_as_configured_is_refused(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any], board: bytes, settings: str
-) -> None:
-    stage = GrblStage(scripted([HELLO, *asked(board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings()))
-    with raises(StageError, "not_as_configured", settings=settings):
-        stage.connect()
-
-
 OLD_STATUS = b"<{state},MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>\r\n"
 FLUIDNC = b"[VER:3.9 FluidNC v3.9.1 (esp32-wifi) :]\r\n[OPT:MPHS]\r\n[MSG: Machine: bench]\r\nok\r\n"
 OLD_FLUIDNC = b"[VER:3.4 FluidNC v3.4.2:]\r\n[OPT:PHS]\r\nok\r\n"

@@ -20,7 +20,7 @@ from rig.devices.base import (
 from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-from tests.scripted_board import BANNER, SETTINGS, At, Board, at, connected
+from tests.scripted_board import BANNER, At, Board, at, connected
 
 
 @pytest.fixture
@@ -370,13 +370,6 @@ def test_a_damaged_status_report_is_requested_again(board: Board, garbled: bytes
     board.next[b"?"] = [garbled]
     assert stage.status().z_mm == -3.0
     assert board.said == [b"?", b"?"]
-
-
-def test_a_line_without_an_answer_fails_after_two_seconds(board: Board, clock: VirtualClock) -> None:
-    stage = connected(board)
-    board.next[b"$$\n"] = [[(1.99, SETTINGS)], b""]
-    assert stage.settings()[100] == 400.0
-    assert _lasts_s(clock, stage.settings, "no_reply") == pytest.approx(2.0)
 
 
 class Slow(Board):

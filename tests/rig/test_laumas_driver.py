@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceReading, ForceUnderload
+from rig.devices.base import ForceBroken, ForceError, ForceOverload, ForceReading, ForceUnderload
 from rig.devices.laumas import COMMAND, IDENTITY, STATUS, LaumasForce
 from rig.settings import LaumasSettings
 from rig.transport.modbus import ModbusMaster
@@ -131,42 +131,18 @@ def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_i
     assert bus.told == [(pytest.approx(1001.0), 1, COMMAND, [command])]
 
 
-@pytest.mark.parametrize(("left", "fine"), [(0, True), (1, True), (-1, True), (3, False), (-3, False)])
-def test_what_is_left_after_zeroing_is_a_step_of_the_display_at_most(
-    transmitter: Make, left: int, fine: bool
+@pytest.mark.parametrize(("weight", "sign"), [("gross", 1), ("net", -1)])
+def test_a_weight_is_that_of_the_configuration_times_the_measured_scale(
+    transmitter: Make, weight: str, sign: int
 ) -> None:
-    """Counts of 0.01 gwt, and a display of 0.02."""
-    bus, force = transmitter({"resolution_gwt": 0.02}, signs="registers")
-    write = bus.write
-
-    def zeroed(device: int, register: int, values: Sequence[int]) -> None:
-        write(device, register, values)
-        bus.gross = left
-
-    bus.write = zeroed  # type: ignore[method-assign]
-    if fine:
-        force.zero()
-    else:
-        with raises(ForceBusy, "not_zeroed", port="bus", device_id=1, left_gwt=left / 100):
-            force.zero()
+    bus, force = transmitter({"scale": 1.5}, weight=weight, signs="registers")
+    bus.gross, bus.net = 233, -233
+    assert force.read().force_n == pytest.approx(sign * 1.5 * 2.33 * GWT_N)
 
 
-# --- on a wire ---
-
-PAIRS = {
-    "net": ("01 03 00 06 00 08", "01 03 10 01 80 00 00 00 01 00 00 00 E9 00 00 00 00 01 0C"),
-    "tare": ("01 10 00 05 00 01 02 00 07", "01 10 00 05 00 01"),
-    "gross": ("01 10 00 05 00 01 02 00 09", "01 10 00 05 00 01"),
-    "set-point": ("01 03 00 10 00 02", "01 03 04 00 01 86 A0"),
-}
-
-
-def test_net_tare_gross_and_the_set_point_have_frames_of_their_own(
+def test_the_set_point_of_the_relay_is_a_weight_of_two_registers(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any], rtu: Callable[[str], bytes]
 ) -> None:
-    wire = scripted([(rtu(sent), rtu(reply)) for sent, reply in PAIRS.values()])
-    force = LaumasForce(ModbusMaster(wire, clock), clock, LaumasSettings(weight="net"), scale=1.5)
-    assert force.read().force_n == pytest.approx(-1.5 * 2.33 * GWT_N)
-    force.tare()
-    force.show_gross()
+    wire = scripted([(rtu("01 03 00 10 00 02"), rtu("01 03 04 00 01 86 A0"))])
+    force = LaumasForce(ModbusMaster(wire, clock), clock, LaumasSettings(), scale=1.5)
     assert force.set_point_gwt(16) == pytest.approx(1500.0)

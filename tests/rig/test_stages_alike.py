@@ -359,6 +359,34 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     assert not bench.stage.homed
 
 
+@pytest.mark.parametrize(
+    "name", ["tmcl, one module", "tmcl, right", "tmcl, old units", "standa, left", "standa, right"]
+)
+@pytest.mark.parametrize(
+    ("start_mm", "far"), [(-5.0, False), (-0.2, False), (-5.0, True)], ids=["", "near home", "at the other switch"]
+)
+def test_a_search_the_wrong_way_is_stopped_after_a_millimeter_a_look_and_the_brakes(
+    name: str, start_mm: float, far: bool
+) -> None:
+    kind, own = OWN[name]
+    bench, devices = _bench(kind, stage={kind: own} if own else {})
+    bench.stage.move_to(z_mm=start_mm, speed_mm_s=5.0)
+    z, per_mm = devices.z, abs(bench.stage.steps_per_mm("z"))
+    go, parameter = z._go, getattr(z, "parameter", None)
+    z._go = lambda legs, up, down: go([(z._lowest, 5.0 * per_mm)], up, down)
+    if far and kind == "standa":
+        z.inputs = 2 if z._sign > 0 else 1
+    elif far:
+        z.parameter = lambda number: 1 if number == z._far else parameter(number)
+    before = z.carriage_at(bench.clock.monotonic_s())
+    with raises(StageError, "homes_the_wrong_way", axis="z"):
+        bench.stage.home()
+    bench.clock.wait_s(1.0)
+    most_mm = 1.3 if kind == "standa" else 1.7
+    assert 1.0 < (before - z.carriage_at(bench.clock.monotonic_s())) / per_mm < most_mm
+    assert not bench.stage.homed
+
+
 WAITS: dict[str, Replies] = {
     "tmcl": tmcl.axis("z", most=2000),
     "leadshine": {**leadshine.UNHOMED_X, **leadshine.status(leadshine.Z, leadshine.HOMED)},

@@ -187,23 +187,6 @@ def test_a_port_whose_name_may_change_needs_a_serial_number(port: str, serial: i
         bench.stage.connect()
 
 
-@pytest.mark.parametrize(("start_mm", "inputs"), [(-10.0, 0), (-0.2, 0), (-10.0, 1)])
-def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float, inputs: int) -> None:
-    """A millimeter, and as far as the stage needs to stop, whatever it was told; also where the other switch is."""
-    bench = bench_of()
-    bench.stage.move_to(z_mm=start_mm, speed_mm_s=5.0)
-    z: Any = bench.devices.z
-    z.inputs = inputs
-    z._home = lambda: z._ramp([(z._lowest, 5.0 * abs(bench.stage.steps_per_mm("z")))], [60000, 60000])
-    before = z.carriage_at(bench.clock.monotonic_s())
-    with raises(StageError, "homes_the_wrong_way", axis="z"):
-        bench.stage.home()
-    bench.clock.wait_s(1.0)
-    gone_mm = (before - z.carriage_at(bench.clock.monotonic_s())) / abs(bench.stage.steps_per_mm("z"))
-    assert 1.0 < gone_mm < 1.3
-    assert not bench.stage.homed
-
-
 def test_homing_that_goes_far_back_from_the_switch_is_stopped() -> None:
     """HomeDelta of 50 mm would go through the finger: 10 mm, and a stop."""
     bench = bench_of(homed=False)

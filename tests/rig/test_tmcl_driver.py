@@ -408,34 +408,6 @@ def test_a_module_replies_to_its_host_alone(host: int) -> None:
         find(StageKind, "tmcl").driver(bench.wire.at, bench.clock, settings).connect()
 
 
-RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
-OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
-
-
-@pytest.mark.parametrize("far", [False, True], ids=["", "at the other switch"])
-@pytest.mark.parametrize("own", [{}, RIGHT, OLD], ids=["left", "right", "old units"])
-def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any], far: bool) -> None:
-    """As by a search mode for the other switch: a millimeter, a look and the brakes."""
-    bench = bench_of(stage=own)
-    bench.stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
-    z: Any = bench.devices.z
-    parameter = z.parameter
-    z.parameter = lambda number: 1 if far and number == z._far else parameter(number)
-    per_mm = abs(bench.stage.steps_per_mm("z"))
-
-    def search() -> None:
-        z._ramp([(z._lowest, 5.0 * per_mm)])
-        z._searching = True
-
-    z.search = search
-    before = z.carriage_at(bench.clock.monotonic_s())
-    with raises(StageError, "homes_the_wrong_way", axis="z"):
-        bench.stage.home()
-    bench.clock.wait_s(1.0)
-    assert 1.0 < (before - z.carriage_at(bench.clock.monotonic_s())) / per_mm < 1.7
-    assert not bench.stage.homed
-
-
 def test_another_axis_that_moves_by_itself_ends_homing_and_is_stopped() -> None:
     bench = bench_of(homed=False)
     search = bench.devices.z.search

@@ -3,7 +3,7 @@
 Frames are written without what their way adds: the CRC of RTU, computed here bit by bit, and the header of TCP.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
@@ -14,7 +14,7 @@ WHO = bytes.fromhex("01 03 00 00 00 04")
 ASK = bytes.fromhex("01 03 00 06 00 08")
 ZERO = bytes.fromhex("01 10 00 05 00 01 02 00 08")
 OBEYED = bytes.fromhex("01 10 00 05 00 01")
-BUSY = bytes.fromhex("01 83 06")
+RESUME, NO_SUCH_FUNCTION = bytes.fromhex("01 07"), bytes.fromhex("01 87 01")
 
 
 def shown(status: str, gross: str, units: str = "01 0C") -> bytes:
@@ -78,6 +78,23 @@ ZEROING = {
 }
 
 
+def _alike(frame: bytes) -> bytes:
+    """Status, gross weight and unit; of one that cannot be weighed its reason, and of an identity its length.
+
+    Without the sign of the net weight, which has that of the gross weight where there is no tare.
+    """
+    for words, length in ((bytes.fromhex("01 03 10"), 19), (bytes.fromhex("01 03 08"), 3)):
+        start = frame.find(words)
+        if start >= 0:
+            frame = frame[start : start + length]
+            break
+    if len(frame) < 19:
+        return frame
+    status = int.from_bytes(frame[3:5], "big") & ~0x0100
+    reason = status & 0x0005
+    return b"%04X " % (status & 0x0085) if reason else b"%04X " % status + frame[5:9] + frame[17:]
+
+
 def _crc(data: bytes) -> bytes:
     crc = 0xFFFF
     for byte in data:
@@ -102,16 +119,22 @@ def _tcp_reply(question: bytes, reply: bytes) -> bytes:
     return question[:2] + len(reply).to_bytes(4, "big") + reply
 
 
-def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight], **way: Callable[..., bytes]) -> Any:
+def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight], **way: Any) -> Any:
     return ForceBytes(
         name=name,
         kind="laumas",
         table={"baud": 115200, **table},
         source=SOURCE,
         identity="Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
-        usual={WHO: bytes.fromhex("01 03 08 01 05 00 1E 07 E8 04 D2"), ASK: GOOD, ZERO: OBEYED},
+        usual={
+            WHO: bytes.fromhex("01 03 08 01 05 00 1E 07 E8 04 D2"),
+            ASK: GOOD,
+            ZERO: OBEYED,
+            RESUME: NO_SUCH_FUNCTION,
+        },
         on_connect=[WHO, ASK],
         on_identify=[WHO, ASK],
+        again=() if table else [RESUME],
         max_age_s=0.4,
         reading=ASK,
         zero=ZERO,
@@ -120,6 +143,12 @@ def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight]
         garbled={**GARBLED, **garbled},
         zeroing=ZEROING,
         not_now=NOT_NOW,
+        alike=_alike,
+        not_on_twin={
+            "bit 8, the minus of net": "without a tare the net weight has the sign of the gross weight",
+            "underload": "the virtual transmitter shows such a pull as a gross weight out of range, bit 4",
+            "moving, both words": "1000 g is more than the virtual transmitter weighs",
+        },
         lacks={"nan": "a weight is a whole number of counts"},
         **way,
     )
@@ -130,6 +159,7 @@ RTU = _device(
     {},
     {"bad CRC": NoWeight(GOOD, mangled=lambda frame: frame[:-1] + bytes([frame[-1] ^ 1]))},
     heard=_rtu_question,
+    framed=lambda question: question + _crc(question),
     said=lambda question, reply: reply + _crc(reply),
 )
 TCP = _device(
@@ -137,5 +167,6 @@ TCP = _device(
     {"framing": "tcp"},
     {"to another question": NoWeight(GOOD, ForceTimeout, "no_reply", lambda frame: b"\x00\x01" + frame[2:])},
     heard=_tcp_question,
+    framed=lambda question: b"\x80\x01\x00\x00" + len(question).to_bytes(2, "big") + question,
     said=_tcp_reply,
 )

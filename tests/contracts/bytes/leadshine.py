@@ -48,7 +48,7 @@ def several(frame: str, state: str = "") -> Replies:
     return {said(frame): (answer, state) if state else answer}
 
 
-READY, HOMED, RUNNING, FAULT, DISABLED = "00 32", "00 72", "00 46", "00 01", "00 70"
+READY, HOMED, RUNNING, FAULT, DISABLED = "00 32", "00 72", "00 46", "00 41", "00 70"
 ZERO, HALF, THERE, ELSEWHERE = "00 00 00 00", "FF FF FE 0C", "FF FF FC 18", "FF FF FC 22"
 CREEP, SEARCH = "00 01 00 01 01 4D 01 4D", "01 2C 00 19 01 4D 01 4D"
 PATH = "00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00"  # absolute, −1000 pulses, 30 rpm, ramps of 333 ms
@@ -75,9 +75,10 @@ def usual(device: int, lowest: str, homing: str) -> Replies:
         **shown(device, "60 00", "00 02"),
         **several(f"{d} 10 62 00 00 01 02 00 00"),
         **one(f"{d} 06 18 01 11 11"),
-        **one(f"{d} 06 60 02 00 40"),
+        said(f"{d} 07"): said(f"{d} 87 01"),  # the status of exceptions, a function that the drive lacks
         **status(device, HOMED),
         **stands(device, ZERO, ZERO),
+        **one(f"{d} 06 60 02 00 40"),
     }
 
 
@@ -109,7 +110,7 @@ RTU = StageBytes(
         said("00 06 60 02 00 40"): (SILENCE, "rested"),
     },
     states={
-        "new": {**UNHOMED_X, **status(Z, READY)},
+        "new": {**UNHOMED_X, **status(Z, READY), **shown(X, "60 0F", CREEP), **shown(Z, "60 0F", CREEP)},
         "z is set": {**UNHOMED_X, **shown(Z, "60 0F", SEARCH), **one("02 06 60 02 00 20", "z homes")},
         "z homes": {**UNHOMED_X, said("02 03 10 03 00 01"): (said("02 03 02 00 06"), "z is home")},
         "z is home": UNHOMED_X,
@@ -120,7 +121,7 @@ RTU = StageBytes(
         "arrived": stands(Z, THERE, THERE),
         "elsewhere": stands(Z, THERE, ELSEWHERE),
         "held": {**GOING, **status(Z, DISABLED)},
-        "alarm": {**GOING, **status(Z, FAULT), **shown(Z, "22 03", "00 E0")},
+        "alarm": {**status(Z, FAULT), **shown(Z, "22 03", "00 E0")},
         "slowing": {**GOING, said("02 03 10 03 00 01"): (said(f"02 03 02 {RUNNING}"), "rested")},
         "rested": stands(Z, HALF, HALF),
         "jog is set": {**shown(Z, "62 00", JOG), **one("02 06 60 02 00 10", "moving")},
@@ -171,6 +172,10 @@ RTU = StageBytes(
             for name, word in (("no longer homed", READY), ("moving again", RUNNING))
         },
     },
+    alarmed=lambda devices: devices.z.fault(0xE0),
+    not_on_twin=dict.fromkeys(
+        (said("01 03 60 0F 00 04"), said("02 03 60 0F 00 04")), "the drive creeps before it homes: in state new"
+    ),
     lacks={"search": "the status word does not show the home switch"},
     limit=Limit(
         -26.5,
@@ -221,6 +226,9 @@ TCP = replace(
     garbled={name: one for name, one in RTU.garbled.items() if name != "a wrong bit"},  # nothing shows it
     frames=frames_of_tcp,
     heard=lambda frame: frame[6:],
+    framed=lambda words: b"\x80\x01\x00\x00" + len(words).to_bytes(2, "big") + words,
     said=with_header,
 )
-RTU = replace(RTU, heard=without_crc, said=lambda frame, reply: reply + crc(reply))
+RTU = replace(
+    RTU, heard=without_crc, framed=lambda words: words + crc(words), said=lambda frame, reply: reply + crc(reply)
+)

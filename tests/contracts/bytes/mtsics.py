@@ -66,5 +66,6 @@ DEVICE = ForceBytes(
         "a weight": Zeroing({ZERO: [b"S S 1.00 g\r\n"]}, ForceError, "garbled"),
     },
     not_now={"busy": NoWeight(b"S I\r\n", ForceBusy, "busy")},
+    not_on_twin={"white space is no column": "the twin writes columns"},
     lacks={"cell error": "no reply of levels 0 and 1 says so"},
 )

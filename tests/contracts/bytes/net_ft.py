@@ -15,6 +15,7 @@ PAGE = (
     b"<prodname>Ethernet Axia</prodname><setuserfilter>0</setuserfilter><cfgcpf>1000000</cfgcpf>"
     b"<cfgcpt>1000000</cfgcpt><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu><comrdtrate>7000</comrdtrate></netft>"
 )
+TAGS = (b"netft", b"prodname", b"setuserfilter", b"cfgcpf", b"cfgcpt", b"scfgfu", b"scfgtu", b"comrdtrate")
 _number = itertools.count(1)
 
 
@@ -29,6 +30,13 @@ def stamped(question: bytes, reply: bytes) -> bytes:
         return reply
     number = next(_number)
     return struct.pack(">II", number, 8 * number) + reply[8:]
+
+
+def alike(reply: bytes) -> bytes:
+    """The status of a record, and which values a page has."""
+    if len(reply) == 36:
+        return reply[8:12]
+    return b" ".join([reply[:15], *(tag for tag in TAGS if b"<%s>" % tag in reply)])
 
 
 def _weight(counts: int) -> Weight:
@@ -93,5 +101,10 @@ NET_FT = ForceBytes(
         "stable": "a record has no such bit",
     },
     said=stamped,
+    alike=alike,
+    not_on_twin={
+        START: "records follow, which are what it sends unasked",
+        "cell error": "many bits mean this, and the virtual sensor shows another one",
+    },
     stream_s=0.005,
 )

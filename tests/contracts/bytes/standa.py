@@ -13,7 +13,7 @@ from tests.contracts.stage import Garbled, HomingEnd, Replies, Shown, StageBytes
 Y_MM = -15.0  # set by hand, as the configuration says by default
 RUNS, MOVE, LEFT, STOP, HOME, SSTP = 0x80, 1, 3, 5, 6, 8
 HOMED, ALARM = 0x20, 0x40
-POWERED = 3
+POWER_OFF, POWERED = 1, 3
 
 
 def crc(data: bytes) -> bytes:
@@ -36,9 +36,25 @@ def status(command: int, steps: int, flags: int, part: int = 0) -> bytes:
     return b"gets" + bytes(found)
 
 
-def shows(axis: str, command: int, steps: int, flags: int = HOMED) -> Replies:
+def changed(found: bytes, *, power: int = POWERED, inputs: int = 0) -> bytes:
+    """A status with a power state and inputs."""
+    return found[:6] + bytes([power]) + found[7:43] + bytes([inputs]) + found[44:]
+
+
+def alike(reply: bytes) -> bytes:
+    """Without the serial number, voltages, currents and microsteps on the way, and the speeds of homing."""
+    parts = {
+        b"gets": [slice(7), slice(9, 15 if reply[4:5] == b"\0" else 13), slice(39, 44)],
+        b"gser": [slice(4)],
+        b"ghom": [slice(4), slice(20, 22)],
+        b"gpwr": [slice(4), slice(11, 12)],
+    }
+    return b" ".join(reply[part] for part in parts.get(reply[:4], [slice(None)]))
+
+
+def shows(axis: str, command: int, steps: int, flags: int = HOMED, power: int = POWERED) -> Replies:
     """An axis in a state."""
-    return {f"{axis} gets".encode(): status(command, steps, flags)}
+    return {f"{axis} gets".encode(): changed(status(command, steps, flags), power=power)}
 
 
 def usual(axis: str, serial: int) -> Replies:
@@ -79,6 +95,18 @@ def content(frame: bytes) -> bytes:
     return b" ".join([letters, *(b"%d" % number for number in numbers)])
 
 
+def framed(words: bytes) -> bytes:
+    """The frame of a command and its numbers, without the port."""
+    letters, *numbers = words.split(b" ")
+    if letters == b"zeros":
+        return bytes(64)
+    if not numbers:
+        return letters
+    layout, reserved = ("<IBHHIBB", 9) if letters == b"smov" else ("<ih", 6)
+    payload = struct.pack(layout, *map(int, numbers)) + b"\xcc" * reserved
+    return letters + payload + crc(payload)
+
+
 def sealed(frame: bytes, reply: bytes) -> bytes:
     """The reply with the CRC of its payload."""
     return reply if len(reply) == 4 or not any(reply) else reply + crc(reply[4:])
@@ -93,11 +121,6 @@ ALARMS = {  # protocol.xi, flags of a status
     0x200000: "ENCODER_FAULT", 0x800000: "ENGINE_RESPONSE_ERROR", 0x1000000: "EXTIO_ALARM",
     0x8: "8 hex", 0x40000: "40000 hex", 0x80000000: "80000000 hex",
 }  # fmt: skip
-
-
-def changed(found: bytes, *, power: int = POWERED, inputs: int = 0) -> bytes:
-    """A status with a power state and inputs."""
-    return found[:6] + bytes([power]) + found[7:43] + bytes([inputs]) + found[44:]
 
 
 def shown(codes: tuple[str, str, str], number: str | None = None, *, flags: int = HOMED, **change: int) -> Shown:
@@ -153,7 +176,7 @@ DEVICE = StageBytes(
         b"z stop": (b"stop", "rested"),
     },
     states={
-        "new": {**shows("x", 0, 30, 0), **shows("z", 0, 40, 0)},
+        "new": {**shows("x", 0, 0, 0, POWER_OFF), **shows("z", 0, 0, 0, POWER_OFF)},
         "z homes": {**shows("x", 0, 30, 0), b"z gets": (status(RUNS | HOME, 40, 0), "z is home")},
         "z is home": {**shows("x", 0, 30, 0), **shows("z", HOME, 50), b"z zero": (b"zero", "z is zero")},
         "z is zero": shows("x", 0, 30, 0),
@@ -164,7 +187,7 @@ DEVICE = StageBytes(
         "arrived": shows("z", MOVE, 250),
         "elsewhere": shows("z", MOVE, 247),
         "held": shows("z", RUNS | LEFT, 125),
-        "alarm": shows("z", MOVE, 125, HOMED | ALARM | 0x800),
+        "alarm": shows("z", MOVE, 125, HOMED | ALARM | 0x800, POWER_OFF),
         "slowing": {b"z gets": (status(RUNS | SSTP, 126, HOMED), "rested")},
         "rested": shows("z", SSTP, 127),
     },
@@ -253,5 +276,8 @@ DEVICE = StageBytes(
     search=search,
     lacks={"limit": "borders at positions would replace the limit switches"},
     heard=content,
+    alike=alike,
+    framed=framed,
+    alarmed=lambda devices: devices.z.fail(0x800),
     said=sealed,
 )

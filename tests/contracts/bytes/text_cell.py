@@ -1,5 +1,6 @@
 """Load cells that send lines of text: HX711_ADC's example, SparkFun's OpenScale, and serial-scale, when polled."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,6 +29,13 @@ def _weights(line: str, gram: float) -> Mapping[str, Weight]:
         "no zero": ".25",
     }
     return {name: Weight(_line(line, value), float(value) * gram, False) for name, value in values.items()}
+
+
+def _rounded(reply: bytes, line: str) -> bytes:
+    """A line with its weight to a hundredth, and 0 for what is not read."""
+    form = re.escape(line).replace(r"\{skip\}", ".*").replace(r"\{value\}", "(nan|[-+.0-9]+)")
+    found = re.fullmatch(form, reply.decode("ascii", "replace").strip())
+    return _line(line, f"{float(found[1]):.2f}") if found else reply
 
 
 def _refusals(line: str) -> Mapping[str, NoWeight]:
@@ -90,6 +98,8 @@ def _device(name: str, table: Mapping[str, Any], source: str, **rest: Any) -> Fo
         weights=_weights(line, gram),
         refusals=_refusals(line),
         garbled=_garbled(line),
+        alike=lambda reply: _rounded(reply, line),
+        not_on_twin=dict.fromkeys(("overload", "underload"), "a board knows no limit of its cell; the driver has it"),
         lacks={
             "busy": "a board that is busy sends nothing",
             "cell error": "a board without its cell sends a number, or nan",

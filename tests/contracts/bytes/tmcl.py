@@ -51,6 +51,15 @@ def heard(frame: bytes) -> bytes:
     return " ".join([*words, str(value)] if command in (4, 5) else words).encode()
 
 
+def framed(words: bytes) -> bytes:
+    """The frame of these words."""
+    if words == b"filler":
+        return b"\0"
+    motor, name, kind, *value = words.decode().split()
+    body = struct.pack(">BBBBi", 1, COMMANDS[name], int(kind), "xz".index(motor), int(value[0]) if value else 0)
+    return body + bytes([sum(body) & 0xFF])
+
+
 def said(frame: bytes, reply: bytes) -> bytes:
     """The reply of the module to the host."""
     if frame[1] == COMMANDS["version"]:
@@ -122,7 +131,7 @@ DEVICE = StageBytes(
         "x is ready": axis("x", most=2000, at=4000),
         "x homes": {**axis("x", most=2000, at=2000, speed=-2000), b"x RFS 2": (b"100 1", "x is home")},
         "x is home": {**axis("x", most=2000), b"x SAP 4 0": (b"100 0", "home")},
-        "home": {},
+        "home": {b"x GAP 11": b"100 1", b"z GAP 11": b"100 1"},
         "aimed": axis("z", target=160),
         "moving": {
             **axis("z", target=160, at=8, speed=200, most=200),
@@ -207,5 +216,7 @@ DEVICE = StageBytes(
     lacks={"limit": "modules have no limit of the travel besides their switches"},
     frames=frames,
     heard=heard,
+    framed=framed,
+    alarmed=lambda devices: devices.z.press("right"),
     said=said,
 )

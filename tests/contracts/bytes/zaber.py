@@ -52,6 +52,13 @@ def content(frame: bytes) -> bytes:
     return b" ".join([device, number, *words])
 
 
+def framed(words: bytes) -> bytes:
+    """The command with the id 07, a checksum and the end of the line."""
+    device, number, *rest = words.split(b" ")
+    body = b" ".join([device, number, b"07", *rest])
+    return b"/%s:%02X\n" % (body, -sum(body) & 0xFF)
+
+
 def sealed(frame: bytes, reply: bytes) -> bytes:
     """The reply with the id of the command, a checksum and the end of the line."""
     _, _, ident, *_ = frame[1:].split(b":")[0].split(b" ")
@@ -90,7 +97,12 @@ DEVICE = StageBytes(
         b"0 0 estop": (SILENCE, "rested"),
     },
     states={
-        "new": {**axis(1, "IDLE WR", 0), **axis(2, "IDLE WR", 0)},
+        "new": {
+            **axis(1, "IDLE WR", 0),
+            **axis(2, "IDLE WR", 0),
+            b"2 1 home": (b"@02 1 OK BUSY WR 0", "z homes"),
+            b"1 1 home": (b"@01 1 OK BUSY WR 0", "x homes"),
+        },
         "z homes": {
             **axis(1, "IDLE WR", 0),
             **axis(2, "BUSY WR", 0),
@@ -198,5 +210,13 @@ DEVICE = StageBytes(
     },
     frames=lambda data: data.splitlines(keepends=True),
     heard=content,
+    framed=framed,
+    alarmed=lambda devices: devices.z.stall(),
     said=sealed,
+    not_on_twin={
+        **dict.fromkeys(
+            (b"1 1 home", b"2 1 home"), "the warning WR is that of an axis that is not homed: in state new"
+        ),
+        **dict.fromkeys((b"0 0 stop", b"0 0 estop"), "every device replies to a broadcast, and nobody waits for it"),
+    },
 )
