@@ -4,14 +4,13 @@ This makes one code serve the virtual and the wall clock; the clients of pymodbu
 Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
 """
 
-import math
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
-from pymodbus.pdu.other_message import ReadExceptionStatusRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
     WriteMultipleRegistersRequest,
@@ -30,17 +29,17 @@ READ_TRIES = 3
 ASK_AGAIN_S, BUSY_S = 0.02, 0.1
 BROADCAST = 0
 # Replies on a serial line have no number. For LATE_S after an unanswered request, its reply may still arrive and be
-# taken for that to a later one. A device replies in turn. Once it has replied to a request of function 07, if only
-# that it has no such function, nothing earlier can follow; this function is used for nothing else.
-LATE_S = 3.0
+# taken for that to a later one. A device replies in turn: once it has replied to a read of a length that no
+# unanswered request had, nothing earlier can follow.
+LATE_S, LONGEST_READ = 3.0, 125
 # If TCP loses a byte, a device takes the first byte of the next frame for the last byte of a register. No trigger,
 # control word or path has a low byte of 80 hex or more there, so all transaction numbers begin with one.
 FIRST_TRANSACTION, TRANSACTIONS = 0x8000, 0x8000
 # A character has 11 bits on a serial line; above 19200 baud the silence is fixed.
 SILENT_BITS, FIXED_SILENCE_S, FAST_BAUD = 38.5, 1.75e-3, 19200
 
-_READ, _RESUME, _REFUSED = 3, 7, 0x80
-_FUNCTIONS = {_READ: "read", 6: "write", _RESUME: "status", 16: "write"}
+_READ, _REFUSED = 3, 0x80
+_FUNCTIONS = {_READ: "read", 6: "write", 16: "write"}
 _EXCEPTIONS = {
     1: "illegal function", 2: "illegal data address", 3: "illegal data value", 4: "device failure",
     5: "acknowledged, not done yet", 6: "device busy", 8: "memory parity error",
@@ -117,8 +116,8 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
-        # until when (s) a device may still reply to an earlier request
-        self._late_until_s: dict[int, float] = {}
+        # until when (s) a device may still reply to an earlier request, by the number of its registers
+        self._late_until_s: defaultdict[int, dict[int, float]] = defaultdict(dict)
         self._one = threading.Lock()
         self._times_sent_now = 0  # counted from any thread
         # whether the adapter echoes; None until the first read
@@ -144,7 +143,7 @@ class ModbusMaster:
             try:
                 if self._late(request.dev_id):
                     self._resume(request)
-                return self._exchange(request, lambda answer: len(answer.registers) == request.count)
+                return self._read_once(request)
             except (ModbusTimeout, ModbusGarbled) as error:
                 failure = failure or error
                 with in_turn(self._one, 2 * self._reply_s):
@@ -153,14 +152,19 @@ class ModbusMaster:
             raise ValueError(f"read_tries must be positive, got {self._read_tries}")
         raise failure
 
-    def _resume(self, request: ModbusPDU) -> None:
+    def _read_once(self, request: ReadHoldingRegistersRequest) -> ModbusPDU:
+        return self._exchange(request, lambda answer: len(answer.registers) == request.count)
+
+    def _resume(self, request: ReadHoldingRegistersRequest) -> None:
         """Wait until the device has replied to all earlier requests."""
+        late = {*self._late(request.dev_id), request.count}
+        count = next(count for count in range(1, LONGEST_READ) if count not in late)
         try:
-            self._exchange(ReadExceptionStatusRequest(dev_id=request.dev_id), lambda answer: True)
+            self._read_once(ReadHoldingRegistersRequest(dev_id=request.dev_id, address=request.address, count=count))
+        except ModbusBusy:
+            raise
         except ModbusRefused:
-            pass
-        except ModbusError as error:
-            raise type(error)(f"{self._label(request)}: not sent, because of {error}", error.code) from error
+            pass  # It has no so many registers there.
         self._late_until_s.pop(request.dev_id, None)
 
     def write_one(self, device_id: int, address: int, value: int) -> None:
@@ -226,7 +230,7 @@ class ModbusMaster:
             raise
         except ModbusError:
             if self._rtu:
-                self._late_until_s[request.dev_id] = self._clock.monotonic_s() + LATE_S
+                self._late_until_s[request.dev_id][request.count] = self._clock.monotonic_s() + LATE_S
             raise
         return answer
 
@@ -295,14 +299,13 @@ class ModbusMaster:
         if not self._rtu:
             return bool(answer.transaction_id != request.transaction_id)
         function = answer.function_code & ~_REFUSED
-        if function == _RESUME != request.function_code:
-            return True
         own = function == request.function_code and (answer.isError() or fits(answer))
-        return not own and answer.dev_id == request.dev_id and self._late(request.dev_id)
+        return not own and answer.dev_id == request.dev_id and bool(self._late(request.dev_id))
 
-    def _late(self, device_id: int) -> bool:
-        """Return whether a device may still reply to an earlier request."""
-        return self._clock.monotonic_s() < self._late_until_s.get(device_id, -math.inf)
+    def _late(self, device_id: int) -> set[int]:
+        """Return the numbers of registers of the requests that a device may still reply to."""
+        now_s = self._clock.monotonic_s()
+        return {count for count, until_s in self._late_until_s[device_id].items() if now_s < until_s}
 
     def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
         """Return the rest of the data, and its reply if it is complete."""
@@ -336,9 +339,8 @@ class ModbusMaster:
         return kind(f"{self._label(request)}: refused with exception {number}, {meaning}")
 
     def _label(self, request: ModbusPDU) -> str:
-        what = f"{_FUNCTIONS[request.function_code]} (function {request.function_code})"
-        if request.function_code != _RESUME:
-            what += f" of {request.count} registers at 0x{request.address:04X}"
+        code = request.function_code
+        what = f"{_FUNCTIONS[code]} (function {code}) of {request.count} registers at 0x{request.address:04X}"
         return f"{self.name}: device {request.dev_id}, {what}"
 
 

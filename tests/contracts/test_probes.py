@@ -16,6 +16,8 @@ from rig.errors import RigError
 from rig.settings import BenchSettings
 from rig.transport import Transport
 from sim.devices.clock import VirtualClock
+from tests.contracts.bytes.leadshine import crc
+from tests.contracts.other_lengths import other_lengths
 from tests.error_codes import raises
 
 SERIAL, TCP = "/dev/ttyUSB7", "tcp://10.0.0.7:502"
@@ -43,7 +45,12 @@ class ReadOnly:
     unusable: Mapping[str, Mapping[bytes, bytes]] = field(default_factory=dict)
     elsewhere: Mapping[bytes, bytes] = field(default_factory=dict)
     opens: str = ""  # what is opened instead of the port
-    again: Mapping[bytes, bytes] = field(default_factory=dict)  # what else is asked where a reply is missing
+
+    @property
+    def allowed(self) -> set[bytes]:
+        """What may be sent, also where a reply of Modbus RTU is missing."""
+        lengths = other_lengths(question[:-2] for question in self.questions)
+        return {*self.questions, *(question + crc(question) for question in lengths)}
 
 
 GRBL = ReadOnly(
@@ -77,7 +84,6 @@ LEADSHINE_RTU = ReadOnly(
     }),
     "Leadshine drives 1 and 2",
     unusable={"one_drive": _hex({"02 03 10 03 00 01 70 F9": ""})},
-    again=_hex({"01 07 41 E2": "01 87 01 82 30", "02 07 41 12": "02 87 01 72 30"}),
 )  # fmt: skip
 LEADSHINE_TCP = ReadOnly(
     "leadshine", TCP, (115200, "8N1"),
@@ -98,7 +104,6 @@ LAUMAS_RTU = ReadOnly(
     }),
     "Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
     unusable={"wrong_unit": _hex({"01 03 00 06 00 08 A4 0D": f"01 03 10 {WEIGHTS} 0D DD 33"})},
-    again=_hex({"01 07 41 E2": "01 87 01 82 30"}),
 )  # fmt: skip
 LAUMAS_TCP = ReadOnly(
     "laumas", TCP, (9600, "8N1"),
@@ -172,8 +177,7 @@ class Port:
     def write(self, data: bytes) -> None:
         modbus_tcp = self._asks.port == TCP
         number, question = (data[:TRANSACTION], data[TRANSACTION:]) if modbus_tcp else (b"", data)
-        allowed = {**self._asks.questions, **self._asks.again}
-        assert question in allowed, f"{question.hex(' ')} is not a question that a probe may send"
+        assert question in self._asks.allowed, f"{question.hex(' ')} is not a question that a probe may send"
         self.sent.append(data)
         if self._clock.monotonic_s() < self.deaf_until_s:
             return

@@ -20,8 +20,9 @@ GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10
 GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
 GOLDEN_SAVE = bytes.fromhex("01 06 18 01 22 44 C6 39")
 READ_2 = bytes.fromhex("01 03 00 07 00 02 75 CA")
-# After a failure a device is read only once it has replied to function 07, if only that it has none (exception 01).
-RESUME = (bytes.fromhex("01 07 41 E2"), bytes.fromhex("01 87 01 82 30"))
+# After a failure a device is read only once it has replied to a read of another length.
+RESUME = (bytes.fromhex("01 03 00 07 00 01 35 CB"), bytes.fromhex("01 03 02 00 01 79 84"))
+RESUME_3 = (bytes.fromhex("01 03 00 07 00 03 B4 0A"), bytes.fromhex("01 03 06 00 01 86 A0 00 00 35 DF"))
 Rtu = Callable[[str], bytes]
 Script = Callable[[list[Any]], Any]
 
@@ -127,9 +128,16 @@ def test_a_read_with_a_bad_crc_is_repeated(master: Any, rtu: Rtu, clock: Virtual
     assert master([(READ_2, bad), RESUME, (READ_2, bad), RESUME, (READ_2, good)]).read(1, 7, 2) == [1, 0x86A0]
 
 
-def test_a_late_answer_to_function_07_costs_no_try(master: Any, rtu: Rtu) -> None:
-    late = [RESUME[1], rtu(ANSWER_2)]
-    assert master([(READ_2, b""), (RESUME[0], b""), RESUME, (READ_2, late)]).read(1, 7, 2) == [1, 0x86A0]
+def test_each_read_after_a_failure_has_a_length_that_no_unanswered_read_had(master: Any, rtu: Rtu) -> None:
+    late = [RESUME[1], RESUME_3[1]]
+    assert master([(READ_2, b""), (RESUME[0], b""), (RESUME_3[0], late), (READ_2, rtu(ANSWER_2))]).read(1, 7, 2) == [
+        1,
+        0x86A0,
+    ]
+
+
+def test_a_device_without_so_many_registers_has_replied(master: Any, rtu: Rtu) -> None:
+    assert master([(READ_2, b""), (RESUME[0], rtu("01 83 02")), (READ_2, rtu(ANSWER_2))]).read(1, 7, 2) == [1, 0x86A0]
 
 
 def test_an_answer_from_another_device_is_refused(master: Any, rtu: Rtu) -> None:

@@ -8,13 +8,14 @@ from typing import Any
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing
+from tests.contracts.other_lengths import other_lengths
 
 SOURCE = "Laumas TLU manual, list of registers; LCB manual, status register 1 (second-hand for TLB and TLU)"
 WHO = bytes.fromhex("01 03 00 00 00 04")
 ASK = bytes.fromhex("01 03 00 06 00 08")
 ZERO = bytes.fromhex("01 10 00 05 00 01 02 00 08")
 OBEYED = bytes.fromhex("01 10 00 05 00 01")
-RESUME, NO_SUCH_FUNCTION = bytes.fromhex("01 07"), bytes.fromhex("01 87 01")
+OTHER_LENGTHS = other_lengths([WHO, ASK])
 
 
 def shown(status: str, gross: str, units: str = "01 0C") -> bytes:
@@ -130,11 +131,11 @@ def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight]
             WHO: bytes.fromhex("01 03 08 01 05 00 1E 07 E8 04 D2"),
             ASK: GOOD,
             ZERO: OBEYED,
-            RESUME: NO_SUCH_FUNCTION,
+            **OTHER_LENGTHS,
         },
         on_connect=[WHO, ASK],
         on_identify=[WHO, ASK],
-        again=() if table else [RESUME],
+        again=() if table else list(OTHER_LENGTHS),
         max_age_s=0.4,
         reading=ASK,
         zero=ZERO,
@@ -145,6 +146,7 @@ def _device(name: str, table: Mapping[str, Any], garbled: Mapping[str, NoWeight]
         not_now=NOT_NOW,
         alike=_alike,
         not_on_twin={
+            **dict.fromkeys(OTHER_LENGTHS, "the program uses no register of the reply"),
             "bit 8, the minus of net": "without a tare the net weight has the sign of the gross weight",
             "underload": "the virtual transmitter shows such a pull as a gross weight out of range, bit 4",
             "moving, both words": "1000 g is more than the virtual transmitter weighs",

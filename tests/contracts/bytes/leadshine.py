@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rig.devices.base import StageError, StageStatus, StageTimeout
+from tests.contracts.other_lengths import other_lengths
 from tests.contracts.stage import SILENCE, Garbled, HomingEnd, Limit, Replies, Shown, StageBytes
 
 X, Z = 1, 2
@@ -75,7 +76,6 @@ def usual(device: int, lowest: str, homing: str) -> Replies:
         **shown(device, "60 00", "00 02"),
         **several(f"{d} 10 62 00 00 01 02 00 00"),
         **one(f"{d} 06 18 01 11 11"),
-        said(f"{d} 07"): said(f"{d} 87 01"),  # the status of exceptions, a function that the drive lacks
         **status(device, HOMED),
         **stands(device, ZERO, ZERO),
         **one(f"{d} 06 60 02 00 40"),
@@ -229,6 +229,12 @@ TCP = replace(
     framed=lambda words: b"\x80\x01\x00\x00" + len(words).to_bytes(2, "big") + words,
     said=with_header,
 )
+OTHER_LENGTHS = other_lengths(RTU.usual)
 RTU = replace(
-    RTU, heard=without_crc, framed=lambda words: words + crc(words), said=lambda frame, reply: reply + crc(reply)
+    RTU,
+    usual={**RTU.usual, **OTHER_LENGTHS},
+    not_on_twin={**RTU.not_on_twin, **dict.fromkeys(OTHER_LENGTHS, "the program uses no register of the reply")},
+    heard=without_crc,
+    framed=lambda words: words + crc(words),
+    said=lambda frame, reply: reply + crc(reply),
 )
