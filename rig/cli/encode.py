@@ -29,6 +29,7 @@ from rig.cli.coding_options import (
     press_of,
     pressures_of,
     sampling_of,
+    source_in_words,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, bounded, checked_picture, write_picture
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
@@ -70,6 +71,7 @@ class EncodeJson(Output):
 
     operator: OperatorName
     energy: Energy
+    source_text: str
     pressure: SkinPressureJson
     receptor_mm: list[float]
     sed_pseudo: list[float]
@@ -298,6 +300,7 @@ def encode_command(request: EncodeRequest) -> None:
         else:
             assert request.pressure is not None
             source = pressures_of(request.pressure, sampling.spacing_mm)
+        read_text = source_in_words(source, sampling.spacing_mm)
         with busy("plane-strain section: building it, then computing the readings …", as_json=request.as_json):
             finger = load_config(request.config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
@@ -305,9 +308,9 @@ def encode_command(request: EncodeRequest) -> None:
             with busy("drawing the figure …", quick=True):
                 _draw(found, request.picture, receptor=receptor is not None)
         if request.as_json:
-            print_json(_as_json(found, receptor, at))
+            print_json(_as_json(found, read_text, receptor, at))
         else:
-            _print(found, added, receptor)
+            _print(found, read_text, added, receptor)
 
 
 def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
@@ -319,11 +322,12 @@ def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
     write_picture(encoding_figure(drawn), picture)
 
 
-def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> EncodeJson:
+def _as_json(found: EncodeResult, read_text: str, receptor: Receptor | None, at: NoisePlace) -> EncodeJson:
     load, encoded = found
     return {
         "operator": load.operator.name,
         "energy": load.operator.energy,
+        "source_text": read_text,
         "pressure": {"place_mm": load.operator.place_mm.tolist(), "pseudo": load.pressure.tolist()},
         "receptor_mm": load.operator.receptor_mm.tolist(),
         "sed_pseudo": encoded.sed.tolist(),
@@ -338,12 +342,13 @@ def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> 
     }
 
 
-def _print(found: EncodeResult, added: Noise | None, receptor: Receptor | None) -> None:
+def _print(found: EncodeResult, read_text: str, added: Noise | None, receptor: Receptor | None) -> None:
     load, encoded = found
     operator = load.operator
     out.print(
         f"{operator.name}, SED {operator.energy}: {len(load.pressure)} pressures, M = {encoded.samples} receptors"
     )
+    out.print(f"  read: {read_text}")
     if added is not None:
         out.print(
             f"  noise added to the {added.at}: {added.snr_db:g} dB over M = {encoded.samples} samples, sd "
