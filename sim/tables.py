@@ -145,7 +145,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
 
 
 _SUMMARIES: Mapping[str, Callable[..., Any]] = {"sum": np.sum, "mean": np.mean, "median": np.median}
-_SLACK = {"sum": lambda n: n**0.5, "mean": lambda n: 1.0, "median": lambda n: 0.5}  # in last digits, of n rounded
+_SLACK = {"sum": 1.0, "mean": 1.0, "median": 0.5}  # in last digits, since the others are rounded, too
 _AROUND = 2  # rows at either end that may be summaries, such as a mean above a sum
 _FEWEST_OTHERS = 4
 _BY_CHANCE = 1e-5  # that numbers equal a summary to their last digits, by their digits and the spread of the others
@@ -183,7 +183,7 @@ def _summary(others: NDArray[np.float64], row: NDArray[np.float64]) -> str | Non
         found = of(others, axis=0)
         missed, exact = np.abs(found - row), 1e-9 * np.abs(found)
         for digit in (last_digit(row[None]), last_digit(others)):  # a summary may be rounded more, or end in zeros
-            rounded = digit * _SLACK[what](len(others)) + exact
+            rounded = digit * _SLACK[what] * (len(others) ** 0.5 if what == "sum" else 1.0) + exact
             chance = float(np.prod(np.minimum(2 * rounded / np.where(varied, spread, np.inf), 1.0), where=varied))
             apart = what == "sum" and bool(
                 (missed <= _ROUNDED * digit + exact).all() and (np.abs(risen) > steps)[varied].all()

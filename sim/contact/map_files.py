@@ -162,7 +162,7 @@ def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array,
             "few_grays",
         )
     away = levels if raised == "dark" else white - levels
-    return _centered(height_mm / white * away, width_mm / levels.shape[1])
+    return _centered(np.asarray(height_mm / white * away, dtype=np.float64), width_mm / levels.shape[1])
 
 
 def _gray_levels(where: str, file: str) -> tuple[NDArray[np.int64], int]:

@@ -141,17 +141,14 @@ def _read_in_words(text: str) -> str:
     except (SimError, OSError):
         return ""  # of a run whose file is gone
     if isinstance(shape, HeightMap):
-        wide_mm, long_mm = np.ptp(shape.x_mm), np.ptp(shape.z_mm)
-        size, relief_mm = (
-            f"{len(shape.x_mm)} × {len(shape.z_mm)} points over {wide_mm:.3g} × {long_mm:.3g} mm",
-            np.ptp(shape.height_mm),
-        )
+        wide_mm, long_mm, relief_mm = (float(np.ptp(one)) for one in (shape.x_mm, shape.z_mm, shape.height_mm))
+        size = f"{len(shape.x_mm)} × {len(shape.z_mm)} points over {wide_mm:.3g} × {long_mm:.3g} mm"
     else:
         assert isinstance(shape, Prismatic)
         assert isinstance(shape.profile, MeasuredProfile)
         profile = shape.profile
-        size = f"{len(profile.x_mm)} points, x {profile.x_mm[0]:g} to {profile.x_mm[-1]:g} mm"
         relief_mm = max(profile.height_mm)
+        size = f"{len(profile.x_mm)} points, x {profile.x_mm[0]:g} to {profile.x_mm[-1]:g} mm"
     stated = re.search(r",height_mm=([^,]+)", text)
     of = f" of height_mm = {float(stated[1]):g} mm" if stated else ""
     return f"{size}, relief {relief_mm:.3g} mm{of}{grays}"
