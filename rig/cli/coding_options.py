@@ -108,7 +108,7 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
 def source_in_words(source: NDArray[np.float64] | SectionPress, spacing_mm: float) -> str:
     """Return what was read as pressures or as an indentor."""
     if isinstance(source, SectionPress):
-        return with_size(source.shape.name)
+        return with_size(source.shape if isinstance(source.shape, str) else source.shape.name)
     span = f"{source.min():g} to {source.max():g} pseudo-units"
     return f"{number_of(len(source), 'pressures')}, {span}, {spacing_mm:g} mm apart"
 
