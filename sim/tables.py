@@ -176,7 +176,8 @@ def _summary(others: NDArray[np.float64], row: NDArray[np.float64]) -> str | Non
     """Return by what a row sums up the others, which are ordered towards it; None if it does not."""
     spread = np.ptp(others, axis=0)
     varied = spread > 0
-    if not varied.any() or np.isclose(others, row, rtol=1e-9, atol=0).all(axis=1).any():
+    several_constant = len(row) > 1 and not varied.any()
+    if several_constant or np.isclose(others, row, rtol=1e-9, atol=0).all(axis=1).any():
         return None
     risen, steps = row - others[-1], np.abs(np.diff(others, axis=0)).max(axis=0)
     for what, of in _SUMMARIES.items():

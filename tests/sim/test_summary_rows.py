@@ -128,6 +128,10 @@ def test_short_and_constant_columns_are_no_summaries(column: list[float]) -> Non
     assert summary_row(np.array(column, dtype=float)[:, None]) is None
 
 
+def test_the_total_of_a_constant_column_is_a_summary() -> None:
+    assert summary_row(np.array([5.0] * 9 + [45.0])[:, None]) == (9, "sum")
+
+
 # --- an axis among heights ---
 
 AXIS = 0.15 * (np.arange(21) - 10)
