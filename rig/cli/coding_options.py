@@ -10,12 +10,13 @@ from rig.cli.options import option
 from rig.cli.request import Needs
 from rig.errors import BadInputError
 from rig_shared.number_text import read_number
+from rig_shared.plural import number_of
 from sim.coding.decoder_results import CodingError
 from sim.coding.encoding import NoisePlace
 from sim.coding.readings_file import checked_pressures, read_pressures
 from sim.coding.section import Energy
 from sim.coding.task import SectionPress
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import parse_shape, with_size
 from sim.tables import TableError
 
 INPUT, SAMPLING, NOISE = "Input", "Sampling", "Noise and receptor"
@@ -47,11 +48,18 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
     try:
         return read_pressures(Path(text), spacing_mm) if values is None else checked_pressures(values)
     except TableError as error:
-        raise BadInputError(
-            f"--pressure {error}: must be numbers such as 20,14, or a CSV with a column pressure", error.code
-        ) from None
+        hint = "; give numbers such as 20,14, or a CSV with a column pressure" * (error.code == "unreadable")
+        raise BadInputError(f"--pressure {error}{hint}", error.code) from None
     except CodingError as error:
         raise in_options(error) from None
+
+
+def source_in_words(source: NDArray[np.float64] | SectionPress, spacing_mm: float) -> str:
+    """Return what was read as pressures or as an indentor."""
+    if isinstance(source, SectionPress):
+        return with_size(source.shape if isinstance(source.shape, str) else source.shape.name)
+    span = f"{source.min():g} to {source.max():g} pseudo-units"
+    return f"{number_of(len(source), 'pressures')}, {span}, {spacing_mm:g} mm apart"
 
 
 SHARED_RULES = (Needs("--shape", ("--doi-mm",)), Needs("--gain", ("--threshold",)))

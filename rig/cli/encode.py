@@ -24,6 +24,7 @@ from rig.cli.coding_options import (
     SpacingOption,
     press_of,
     pressures_of,
+    source_in_words,
 )
 from rig.cli.options import (
     FingertipOption,
@@ -72,6 +73,7 @@ class EncodeJson(Output):
 
     operator: OperatorName
     energy: Energy
+    source_text: str
     pressure: SkinPressureJson
     receptor_mm: list[float]
     sed_pseudo: list[float]
@@ -274,6 +276,7 @@ def encode_command(request: EncodeRequest) -> None:
     else:
         assert request.pressure is not None
         source = pressures_of(request.pressure, sampling.spacing_mm)
+    read_text = source_in_words(source, sampling.spacing_mm)
     with busy("plane-strain section: building it, then computing the readings …"):
         finger = load_config(request.config).finger
         found = encode_task(EncodeTask(source, request.operator, request.energy, receptor, added, sampling, finger))
@@ -287,16 +290,17 @@ def encode_command(request: EncodeRequest) -> None:
             )
             write_picture(figures.encoding_figure(drawn), request.picture)
     if writes_json():
-        print_json(_as_json(found, receptor, request.noise))
+        print_json(_as_json(found, read_text, receptor, request.noise))
     else:
-        _print(found, added, receptor)
+        _print(found, read_text, added, receptor)
 
 
-def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> EncodeJson:
+def _as_json(found: EncodeResult, read_text: str, receptor: Receptor | None, at: NoisePlace) -> EncodeJson:
     load, encoded = found
     return {
         "operator": load.operator.name,
         "energy": load.operator.energy,
+        "source_text": read_text,
         "pressure": {"place_mm": load.operator.place_mm.tolist(), "pseudo": load.pressure.tolist()},
         "receptor_mm": load.operator.receptor_mm.tolist(),
         "sed_pseudo": encoded.sed.tolist(),
@@ -311,12 +315,13 @@ def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> 
     }
 
 
-def _print(found: EncodeResult, added: Noise | None, receptor: Receptor | None) -> None:
+def _print(found: EncodeResult, read_text: str, added: Noise | None, receptor: Receptor | None) -> None:
     load, encoded = found
     operator = load.operator
     out.print(
         f"{operator.name}, SED {operator.energy}: {len(load.pressure)} pressures, M = {encoded.samples} receptors"
     )
+    out.print(f"  read: {read_text}")
     if added is not None:
         out.print(
             f"  noise added to the {added.at}: {added.snr_db:g} dB over M = {encoded.samples} samples, sd "

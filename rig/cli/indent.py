@@ -67,6 +67,7 @@ class SolverJson(SolvedJson):
 class IndentJson(Output):
     """An indentation. A section without --length-mm has its force per mm only; a point load has no depth."""
 
+    indentor_text: str
     force_n: float | None
     force_gwt: float | None
     force_n_per_mm: NotRequired[float]
@@ -140,6 +141,7 @@ class Chosen:
         press, whole = result.as_json(), self.model != "section"
         named: ChoiceJson = {"level": None, "promised_error": None, "why_text": self.why}
         found: IndentJson = {
+            "indentor_text": "point" if isinstance(result, PointLoadResult) else with_size(result.indentor.name),
             "force_n": press["force_n"] if whole else self._over_length(press["force_n"]),
             "force_gwt": press["force_gwt"] if whole else self._over_length(press["force_gwt"]),
             "doi_mm": press["doi_mm"],

@@ -75,7 +75,8 @@ class VirtualSettings(Settings):
     stiffness: float = Field(1.0, gt=0, le=100, description="true force divided by the predicted force")
     relaxation: tuple[tuple[float, float], ...] = Field(
         (),
-        description="Prony series of the tissue, rows of [share, time constant in s]; the shares sum to less than 1",
+        description="Prony series of the tissue, rows of [share, time constant in s, at most 60]; the shares sum to "
+        "less than 1",
     )
     cell_noise_gwt: float = Field(
         0.0, ge=0, le=10, description="standard deviation of the noise of each sample, in gwt"

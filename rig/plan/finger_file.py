@@ -10,6 +10,7 @@ import math
 import tomllib
 from functools import cache
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Self
 
 import tomlkit
@@ -30,6 +31,9 @@ TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
 """Keys of `finger.tissue` in which likely fingers differ, besides relaxation."""
 
 Relaxation = tuple[tuple[float, float], ...]
+LONGEST_TAU_S = 60.0
+"""Longest time constant (s), 40 times the slow one of fingertips (1.4 s, Pawluk & Howe 1999); 70 ms as s is more."""
+_FEWEST_SUMMED = 2
 _ASYMMETRY = 1e-6  # of a covariance, from rounding in the file
 
 
@@ -40,6 +44,19 @@ def checked_relaxation(series: Relaxation) -> Relaxation:
             "not a Prony series: shares must be > 0 and sum to less than 1, time constants must be > 0 s",
             "no_prony_series",
         )
+    for _, tau_s in series:
+        if tau_s > LONGEST_TAU_S:
+            raise RuleError(
+                f"a time constant of {tau_s:g} s: must be at most {LONGEST_TAU_S:g} s; a fingertip's are 0.07 and "
+                f"1.4 s (Pawluk & Howe 1999); if it is {tau_s:g} ms, write {tau_s / 1000:g}",
+                "tau_too_long",
+            )
+    for what, of in (("sum", math.fsum), ("mean", fmean)):
+        summary = [of(column) for column in zip(*series[:-1], strict=True)]
+        if len(series) > _FEWEST_SUMMED and all(map(math.isclose, series[-1], summary)):
+            raise RuleError(
+                f"the last row, {list(series[-1])}, has the {what} of the others; delete it", "summary_row"
+            )
     return series
 
 

@@ -271,8 +271,8 @@ def _refuse_other_places(path: Path, column: str, numbered: Sequence[tuple[int, 
         expected_mm = spacing_mm * (k - middle)
         if abs(at - expected_mm) > _PLACED * spacing_mm:
             raise TableError(
-                f"{path}, line {n}, column {column}: {at:g} must be {expected_mm + 0.0:.3g}: pressures lie "
-                f"{spacing_mm:g} mm apart along the skin (--spacing-mm), about the middle of the pad",
+                f"{path}, line {n}, column {column}: {at:g} must be {expected_mm + 0.0:.3g}, since places must rise "
+                f"by {spacing_mm:g} mm (--spacing-mm) about 0, the middle of the pad",
                 "other_place",
             )
 

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from rig_shared.number_text import read_number
 from rig_shared.user_files import lines_of, open_file
-from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, away_from_skin, refuse_far, refuse_uneven
+from sim.contact.height_map import (
+    LEAST_POINTS,
+    MOST_POINTS,
+    HeightMap,
+    HeightMapError,
+    away_from_skin,
+    refuse_far,
+    refuse_uneven,
+)
+from sim.tables import last_digit, summary_row
 
 Array = NDArray[np.float64]
 
@@ -28,7 +37,8 @@ LEAST_EDGE_SPACINGS = 0.7
 MOST_BYTES = 100_000_000
 """Largest file of numbers: each of a million points with three long ones."""
 
-_ONE_INK, _LEAST_HUE = 0.1, 0.01  # deviation across the line of the colors, over that along it, and at least
+_MOST_TINT = 2  # largest difference between the red, green and blue of a gray, of 255: its rounding
+_LEAST_GRAYS = 0.5  # of black to white: 8, 12 and 14 bits in a file of 16 have less
 RAISED_IN_PICTURES = ("dark", "light")
 _OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.001, 2.0), "edge_mm": (0.0, 2.0)}
 
@@ -67,6 +77,12 @@ def raised_in_words(file: str, options: str) -> str:
     if file.lower().endswith(".png"):
         return f"{raised or RAISED_IN_PICTURES[0]} is raised"
     return {"high": "the highest touches first", "low": "the lowest touches first"}.get(raised, "")
+
+
+def grays_in_words(file: str) -> str:
+    """Return the range of gray in a picture. Raises HeightMapError."""
+    levels, white = _gray_levels(f"heightmap {file}", file)
+    return f"gray levels {levels.min()} to {levels.max()} of {white}"
 
 
 def _edge_mm(where: str, settings: Mapping[str, str], least_mm: float, *, picture: bool) -> float:
@@ -136,25 +152,24 @@ def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array,
     raised = settings.get("raised", RAISED_IN_PICTURES[0])
     if raised not in RAISED_IN_PICTURES:
         raise HeightMapError(f"{where}: raised={raised}: must be {' or '.join(RAISED_IN_PICTURES)}", "unknown_raised")
-    light = _grey(where, file)
-    away = light if raised == "dark" else 1 - light
-    return _centered(height_mm * away, width_mm / light.shape[1])
-
-
-def _refuse_several_hues(where: str, pixels: Array) -> None:
-    """Refuse (rows, columns, 3) colors that do not lie on a line from one ink to the paper."""
-    colors = pixels.reshape(-1, 3)
-    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(colors.T)), 0.0))
-    if spread[1] > max(_ONE_INK * spread[2], _LEAST_HUE):
+    levels, white = _gray_levels(where, file)
+    low, high = int(levels.min()), int(levels.max())
+    if high - low < _LEAST_GRAYS * white:
         raise HeightMapError(
-            f"{where}: the picture is in several colors, and height is read from brightness; save the heights as "
-            "gray, or as numbers (.npy, .csv)",
-            "several_colors",
+            f"{where}: has gray levels {low} to {high} of {white}; height_mm={height_mm:g} is from black to white, "
+            f"so its relief would be {height_mm * (high - low) / white:.2g} mm; stretch the levels from black to "
+            "white, or give the heights as numbers (.npy, .csv)",
+            "few_grays",
         )
+    away = levels if raised == "dark" else white - levels
+    return _centered(np.asarray(height_mm / white * away, dtype=np.float64), width_mm / levels.shape[1])
 
 
-def _grey(where: str, file: str) -> Array:
-    """Return (rows, columns) 0 (black) to 1 (white); transparent pixels are white."""
+def _gray_levels(where: str, file: str) -> tuple[NDArray[np.int64], int]:
+    """Return the (rows, columns) gray levels of a picture from 0, black, and that of white.
+
+    Transparent pixels are white. Raises HeightMapError, also for colors.
+    """
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -169,12 +184,18 @@ def _grey(where: str, file: str) -> Array:
                     "too_many_pixels",
                 )
             if image.mode.startswith("I"):  # 16 bits
-                return np.asarray(image, dtype=np.float64) / 65535
+                return np.asarray(image, dtype=np.int64), 65535
             whole = image.convert("RGBA")
             white = Image.new("RGBA", whole.size, "white")
-            opaque = Image.alpha_composite(white, whole)
-            _refuse_several_hues(where, np.asarray(opaque.convert("RGB"), dtype=np.float64) / 255)
-            return np.asarray(opaque.convert("L"), dtype=np.float64) / 255
+            opaque = Image.alpha_composite(white, whole).convert("RGB")
+            colors = np.asarray(opaque, dtype=np.int64)
+            if (np.ptp(colors, axis=2) > _MOST_TINT).any():
+                raise HeightMapError(
+                    f"{where}: the picture is colored, and height is read from gray; save the heights in gray "
+                    "levels, or as numbers (.npy, .csv)",
+                    "colored",
+                )
+            return np.asarray(opaque.convert("L"), dtype=np.int64), 255
     except OSError as error:
         what = "not a picture" if isinstance(error, UnidentifiedImageError) else error.strerror or "damaged"
         raise _no_picture(where, what) from None
@@ -202,7 +223,7 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         raise HeightMapError(
             f"{where}: {height.size} points; at most {MOST_POINTS} in all are allowed", "too_many_heights"
         )
-    return _centered(np.array(height, dtype=np.float64), spacing_mm)
+    return _of_numbers(where, np.array(height, dtype=np.float64), spacing_mm)
 
 
 _SEPARATE = "; separate the numbers by commas, and write decimal points"
@@ -245,7 +266,13 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         _required(where, settings, (), ("raised",))
         return _gridded(where, np.array(rows).reshape(-1, 3))
     (spacing_mm,) = _required(where, settings, ("spacing_mm",), ("raised",))
-    return _centered(np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
+    return _of_numbers(where, np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
+
+
+def _of_numbers(where: str, rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:
+    if np.isfinite(rows).all():
+        _refuse_axes_and_summaries(where, rows, spacing_mm)
+    return _centered(rows, spacing_mm)
 
 
 def _too_many(where: str) -> HeightMapError:
@@ -289,6 +316,54 @@ def _refuse_location(
             f"location of the {len(x)} × {len(z)} grid must have exactly one height",
             code,
         )
+
+
+_LEAST_AXIS = 0.1  # slope of an axis among heights: positions in cm beside a spacing in mm
+_EVEN = 1e-3  # of the step
+_UNLIKE = 0.5  # of the axis's span: how unevenly the next row lies below it
+_BROKEN, _BROKEN_DIGITS = 0.1, 8  # of the relief, and last digits: how far a row lies from a surface that ends before
+_SIDES = {"first row": (0, 1), "last row": (0, -1), "first column": (1, 1), "last column": (1, -1)}
+
+
+def _refuse_axes_and_summaries(where: str, rows: Array, spacing_mm: float) -> None:
+    """Raise HeightMapError for a row or column at the rim that has positions, or sums up the others."""
+    for side, (axis, order) in _SIDES.items():
+        table = (rows.T if axis else rows)[::order]
+        if min(table.shape) > LEAST_POINTS and _is_axis(table[0, 1:], table[1, 1:], spacing_mm):
+            step = float(table[0, 2] - table[0, 1])
+            raise HeightMapError(
+                f"{where}: the {side} changes by even steps of {step:.4g}, as an axis does, and unlike the one "
+                f"beside it; delete it, or give the columns {COLUMNS}",
+                "axis_among_heights",
+            )
+    for axis, name in enumerate(("row", "column")):
+        table = rows.T if axis else rows
+        k, what = summary_row(table) or (0, "")
+        others = np.delete(table, k, axis=0)
+        if what and not (others == table[k]).any(axis=0).all() and not _continues(table, k):
+            raise HeightMapError(
+                f"{where}: {name} {k + 1} of heights has the {what} of the other {name}s; delete it",
+                "summary_among_heights",
+            )
+
+
+def _is_axis(line: Array, beside: Array, spacing_mm: float) -> bool:
+    """Return whether numbers rise or fall by even steps, unlike those beside them."""
+    steps = np.diff(line)
+    step = float(steps.mean())
+    even = np.abs(steps - step).max() <= _EVEN * abs(step)
+    return bool(even and abs(step) >= _LEAST_AXIS * spacing_mm and np.ptp(beside - line) > _UNLIKE * np.ptp(line))
+
+
+def _continues(rows: Array, k: int) -> bool:
+    """Return whether a row near an end continues the surface of the rows towards the middle, by a quadratic.
+
+    Rows of a smooth surface differ by little more than one number, and one of them may well equal their mean.
+    """
+    inward = 1 if k < len(rows) / 2 else -1
+    first, second, third = (rows[k + inward * n] for n in (1, 2, 3))
+    broken_mm = max(_BROKEN * np.ptp(rows[2:-2]), _BROKEN_DIGITS * last_digit(rows).min())
+    return bool(np.abs(rows[k] - (3 * first - 3 * second + third)).max() < broken_mm)
 
 
 def _centered(rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from rig_shared.number_text import read_number
 from rig_shared.user_files import sha256_of
-from sim.contact.height_map import HeightMapError
+from sim.contact.height_map import HeightMap, HeightMapError
 from sim.contact.indentor import ACROSS, MOST_TURN_DEG, Indentor, Prismatic, Revolved
-from sim.contact.map_files import raised_in_words, read_height_map
-from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
+from sim.contact.map_files import grays_in_words, raised_in_words, read_height_map
+from sim.contact.measured_profile import LINEAR, MeasuredProfile, ProfileError, read_profile
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, SinusoidalStep, Wedge
 from sim.errors import ArgumentError, SimError
 
@@ -114,13 +114,12 @@ def _name_or_text(text: str) -> str:
 def shape_size(text: str) -> str:
     """Return the size of a shape in words, with radius and width where it is round; empty where its name says all.
 
-    Of a file: which side is up. Raises ShapeError.
+    Of a file: which side is up, and what was read from it. Raises ShapeError.
     """
     file = _FILE.fullmatch(text)
     if file is not None:
-        if file[1] == "profile":
-            return "the lowest touches first"
-        return raised_in_words(file[2], file[3]) + _shallow(text)
+        up = "the lowest touches first" if file[1] == "profile" else raised_in_words(file[2], file[3])
+        return ", ".join(filter(None, (up, _read_in_words(text))))
     match parse_shape(text):
         case Prismatic(profile=Cylinder(diameter_mm=wide)) | Revolved(profile=Cylinder(diameter_mm=wide)):
             return f"radius {wide / 2:g} mm, {wide:g} mm wide"
@@ -132,19 +131,27 @@ def shape_size(text: str) -> str:
 
 
 @lru_cache(maxsize=32)
-def _shallow(text: str) -> str:
-    """Return the relief of a picture that is much shallower than stated, as its grays are far from black or white."""
-    stated_mm = re.search(r",height_mm=([^,]+)", text)
+def _read_in_words(text: str) -> str:
+    """Return the size and relief of a shape from a file, and the grays of a picture; empty if it cannot be read."""
+    file, turn = _FILE.fullmatch(text), _TURN.fullmatch(text)
+    assert file is not None
     try:
-        relief_mm = float(np.ptp(parse_shape(text).height_mm)) if stated_mm else 0.0  # type: ignore[attr-defined]
-    except SimError:
-        return ""
-    if not stated_mm or relief_mm >= _SHALLOW * float(stated_mm[1]):
-        return ""
-    return f", but its relief is {relief_mm:.2g} mm, not {stated_mm[1]} mm: stretch its grays from black to white"
-
-
-_SHALLOW = 0.5
+        shape = parse_shape(text if turn is None else turn[1] + turn[3])
+        grays = f": {grays_in_words(file[2])}" if file[2].lower().endswith(".png") else ""
+    except (SimError, OSError):
+        return ""  # of a run whose file is gone
+    if isinstance(shape, HeightMap):
+        wide_mm, long_mm, relief_mm = (float(np.ptp(one)) for one in (shape.x_mm, shape.z_mm, shape.height_mm))
+        size = f"{len(shape.x_mm)} × {len(shape.z_mm)} points over {wide_mm:.3g} × {long_mm:.3g} mm"
+    else:
+        assert isinstance(shape, Prismatic)
+        assert isinstance(shape.profile, MeasuredProfile)
+        profile = shape.profile
+        relief_mm = max(profile.height_mm)
+        size = f"{len(profile.x_mm)} points, x {profile.x_mm[0]:g} to {profile.x_mm[-1]:g} mm"
+    stated = re.search(r",height_mm=([^,]+)", text)
+    of = f" of height_mm = {float(stated[1]):g} mm" if stated else ""
+    return f"{size}, relief {relief_mm:.3g} mm{of}{grays}"
 
 
 def with_size(text: str) -> str:

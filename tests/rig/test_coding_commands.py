@@ -63,6 +63,26 @@ def test_encode_reads_pressures_from_a_file_as_from_the_command_line(rig: Progra
     assert by_file["noise_share_of_peak"] > 0.05
 
 
+def test_encode_states_how_many_pressures_it_read_and_their_range(rig: Program) -> None:
+    Path("p.csv").write_text("pressure\n0.5\n20\n14\n", encoding="utf-8")
+    read = "3 pressures, 0.5 to 20 pseudo-units, 0.17 mm apart"
+    assert f"  read: {read}\n" in rig("encode", "--pressure", "p.csv", *QUICK).out
+    assert rig("encode", "--pressure", "p.csv", *QUICK, "--json").json["source_text"] == read
+    press = rig("encode", "--shape", "bar:3.0", "--doi-mm", 0.3, *QUICK, "--json").json
+    assert press["source_text"] == "bar:3 (3 mm wide)"
+
+
+def test_wrong_pressures_are_refused_in_one_clear_sentence(rig: Program) -> None:
+    Path("p.csv").write_text("place_mm,pressure\n0.17,1\n0,2\n-0.17,1\n", encoding="utf-8")
+    refused = rig("encode", "--pressure", "p.csv", *QUICK, "--json")
+    assert refused.error_code == "other_place"
+    assert refused.json["error_text"] == (
+        "--pressure p.csv, line 2, column place_mm: 0.17 must be -0.17, since places must rise by 0.17 mm "
+        "(--spacing-mm) about 0, the middle of the pad"
+    )
+    assert "; give numbers such as 20,14" in rig("encode", "--pressure", "20,x", *QUICK).err
+
+
 def test_impulse_prints_and_draws_h_g_f_in_both_axes(rig: Program) -> None:
     ended = rig("impulse", "--half-length", 16, "--picture", "impulse.svg")
     assert ended.code == 0

@@ -155,6 +155,29 @@ def test_the_prony_series_of_the_virtual_finger_has_shares_below_one_and_positiv
         has_code(first_problem("", caught.value), "no_prony_series", key="virtual")
 
 
+@pytest.mark.parametrize(
+    ("series", "code", "shown"),
+    [
+        ([[0.2, 70.0], [0.2, 1400.0]], "tau_too_long", ["70 s", "70 ms", "0.07", "60 s"]),
+        ([[0.2, 0.07], [0.2, 1400.0]], "tau_too_long", ["1400 ms", "1.4"]),
+        ([[0.2, 0.07], [0.2, 1.4], [0.4, 1.47]], "summary_row", ["sum"]),
+        ([[0.2, 0.07], [0.2, 1.4], [0.2, 0.735]], "summary_row", ["mean"]),
+        ([[0.2, 0.07], [0.2, 1.4]], "", []),
+        ([[0.1, 2.0], [0.1, 60.0]], "", []),
+    ],
+    ids=str,
+)
+def test_a_relaxation_in_milliseconds_or_with_a_row_of_totals_is_refused(
+    series: list[list[float]], code: str, shown: list[str]
+) -> None:
+    if not code:
+        _takes({"virtual": {"relaxation": series}})
+        return
+    with pytest.raises(ValidationError) as caught:
+        Config.model_validate({"virtual": {"relaxation": series}})
+    has_code(first_problem("", caught.value), code, shown=shown)
+
+
 def _takes(tables: dict[str, dict[str, object]]) -> None:
     config = Config.model_validate(tables)
     for table, keys in config.model_dump(

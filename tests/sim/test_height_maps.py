@@ -241,13 +241,31 @@ def test_pictures_of_every_color_mode_are_read_alike(tmp_path: Path, mode: str) 
     )
 
 
-def test_a_picture_in_red_ink_is_read(tmp_path: Path) -> None:
-    black = np.zeros((40, 40), bool)
-    black[:, 15:25] = True
-    red = np.stack([np.full((40, 40), 255), 255 * ~black, 255 * ~black], -1).astype(np.uint8)
-    Image.fromarray(red).save(tmp_path / "a.png")
-    there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=2,height_mm=0.3")
-    assert there.evaluate(np.array([[0.8], [0.0]])).height_mm[0] > 0.2
+@pytest.mark.parametrize("tint", [0, 2])
+def test_grays_with_the_rounding_of_their_colors_are_read(tmp_path: Path, tint: int) -> None:
+    gray = np.tile(np.linspace(0, 250, 40).astype(np.uint8), (40, 1))
+    Image.fromarray(np.stack([gray, gray + np.uint8(tint), gray], axis=-1)).save(tmp_path / "a.png")
+    low, high = (
+        parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=2,height_mm=0.3")
+        .evaluate(np.array([[-0.8, 0.8], [0.0, 0.0]]))
+        .height_mm
+    )
+    assert high - low > 0.2
+
+
+@pytest.mark.parametrize(
+    ("dark", "light", "white"), [(0, 4095, 65535), (0, 400, 65535), (60, 160, 255), (255, 255, 255)]
+)
+def test_a_picture_with_less_than_half_of_the_grays_is_refused_with_their_range(
+    tmp_path: Path, dark: int, light: int, white: int
+) -> None:
+    """As 12 bits, or micrometers, in a file of 16."""
+    grays = np.full((40, 40), light, np.uint16 if white > 255 else np.uint8)
+    grays[10:30, 10:30] = dark
+    Image.fromarray(grays).save(tmp_path / "a.png")
+    relief_mm = 0.4 * (light - dark) / white
+    with raises(ShapeError, "few_grays", grays=f"{dark} to {light} of {white}", relief_mm=f"{relief_mm:.2g} mm"):
+        parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=2,height_mm=0.4")
 
 
 def test_height_maps_from_npy_csv_and_points_are_read_alike(tmp_path: Path) -> None:
@@ -378,6 +396,9 @@ def test_height_maps_are_limited_in_size(tmp_path: Path, monkeypatch: pytest.Mon
         parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1,raised=low")
 
 
+COLOR_MAPS = ("viridis", "jet", "coolwarm", "Blues", "Greens", "Purples", "bone", "copper", "pink", "cool", "Wistia")
+
+
 def files(folder: Path) -> None:
     """One of each kind that cannot be, and some that can."""
     np.save(folder / "good.npy", grid())
@@ -389,9 +410,12 @@ def files(folder: Path) -> None:
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (20, 20), np.uint8)).save(folder / "noise.png")
     (folder / "cut.png").write_bytes((folder / "noise.png").read_bytes()[:200])
     Image.new("L", (1001, 1000)).save(folder / "large.png")
-    for colors in ("viridis", "jet", "coolwarm"):
+    for colors in COLOR_MAPS:
         painted = matplotlib.colormaps[colors](np.linspace(0.0, 1.0, 400).reshape(20, 20))
         Image.fromarray((255 * painted).astype(np.uint8)).save(folder / f"{colors}.png")
+    red = np.full((20, 20, 3), 255, np.uint8)
+    red[5:15, 5:15, 1:] = 0
+    Image.fromarray(red).save(folder / "red.png")
     rows = [f"{x},{z},0" for x in range(4) for z in range(4)]
     for name, lines in {
         "hole": rows[:-1],
@@ -424,9 +448,8 @@ REFUSED = {
     "good.png": "option_missing",
     "good.png,width_mm=3,height_mm=1,raised=up": "unknown_raised",
     "cut.png,width_mm=3,height_mm=1": "no_picture",
-    "viridis.png,width_mm=3,height_mm=1": "several_colors",
-    "jet.png,width_mm=3,height_mm=1": "several_colors",
-    "coolwarm.png,width_mm=3,height_mm=1": "several_colors",
+    **{f"{colors}.png,width_mm=3,height_mm=1": "colored" for colors in COLOR_MAPS},
+    "red.png,width_mm=3,height_mm=1": "colored",
     "large.png,width_mm=3,height_mm=1": "too_many_pixels",
     "hole.csv": "hole",
     "twice.csv": "overhang",

@@ -221,14 +221,25 @@ def test_a_height_map_with_other_separators_is_refused_with_the_expected_ones(
         parse_shape(f"heightmap:{path}{options},raised=high")
 
 
-@pytest.mark.parametrize(("white", "says"), [(4095, "its relief is 0.025 mm, not 0.4 mm"), (65535, "")])
-def test_a_picture_shallower_than_its_stated_height_is_reported(tmp_path: Path, white: int, says: str) -> None:
-    """12 bits in a file of 16: its white is nearly black."""
+@pytest.mark.parametrize(("white", "relief_mm"), [(40000, 0.244), (65535, 0.4)])
+def test_a_picture_shallower_than_its_stated_height_is_reported(tmp_path: Path, white: int, relief_mm: float) -> None:
     path = tmp_path / "dots.png"
     grays = np.full((40, 40), white, dtype=np.uint16)
     grays[10:30, 10:30] = 0
     Image.fromarray(grays).save(path)
-    size = shape_size(f"heightmap:{path},width_mm=4,height_mm=0.4")
-    assert size.startswith("dark is raised")
-    assert says in size
-    assert ("relief" in size) == bool(says)
+    assert shape_size(f"heightmap:{path},width_mm=4,height_mm=0.4") == (
+        f"dark is raised, 40 × 40 points over 3.9 × 3.9 mm, relief {relief_mm:g} mm of height_mm = 0.4 mm: "
+        f"gray levels 0 to {white} of 65535"
+    )
+
+
+def test_the_size_of_a_shape_from_a_file_states_its_points_and_relief(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("x_mm,height_mm\n-1,0.25\n0,0\n0.5,0.1\n", encoding="utf-8")
+    profile = "the lowest touches first, 3 points, x -1 to 0.5 mm, relief 0.25 mm"
+    for turn in ("", ",across", ",turn_deg=30"):
+        assert shape_size(f"profile:{tmp_path / 'p.csv'}{turn}") == profile
+    np.save(tmp_path / "h.npy", 0.1 * np.arange(5) + np.zeros((6, 1)))
+    shape = f"heightmap:{tmp_path / 'h.npy'},spacing_mm=0.5,raised=high"
+    numbers = "the highest touches first, 5 × 6 points over 2 × 2.5 mm, relief 0.4 mm"
+    assert shape_size(shape) == shape_size(f"{shape},turn_deg=30") == numbers
+    assert shape_size(f"profile:{tmp_path / 'gone.csv'}") == "the lowest touches first"
