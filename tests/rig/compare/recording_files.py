@@ -133,13 +133,15 @@ def pulses_at(times: Array) -> dict[str, Any]:
 
 def nix(
     start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
-    epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, **of_line: Any,
+    epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, quality: str = "", **of_line: Any,
 ) -> Any:  # fmt: skip
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
         segment = neo.Segment()
         times = np.array([t for t in spikes if start <= t <= stop])
-        segment.spiketrains.append(neo.SpikeTrain(times, units="s", t_start=start, t_stop=stop, name="u"))
+        train = neo.SpikeTrain(times, units="s", t_start=start, t_stop=stop, name="u")
+        train.annotate(**({"quality": quality} if quality else {}))
+        segment.spiketrains.append(train)
         if line_v:
             segment.analogsignals.append(
                 neo.AnalogSignal(
