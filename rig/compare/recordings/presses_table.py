@@ -99,7 +99,9 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     sentences += [check(presses) for check in CHECKS if presses]
     read_as = " ".join(filter(None, [columns_read(rows, columns.window_s if counted else None), *sentences]))
     changes = [*columns.changes(*required, *optional), *_header_changes(rows, (*required, *optional))]
-    found = with_enough_positions(path, replace(found, changes=tuple(dict.fromkeys(changes)), read_as=read_as))
+    highest = f"row {max(presses, key=lambda one: one.value).row.row}" if presses else ""
+    found = replace(found, changes=tuple(dict.fromkeys(changes)), read_as=read_as, highest_in=highest)
+    found = with_enough_positions(path, found)
     refuse_impossible_rate(path, found)
     _refuse_narrow_profile(path, found, rows[0].columns[_POSITION])
     return found

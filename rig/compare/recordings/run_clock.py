@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.spike_checks import RUN_CHECKS
@@ -136,7 +137,7 @@ def _holds(run: Run) -> Array:
     return np.array([(began[key], ended[key]) for key in began if key in ended]).reshape(-1, 2)
 
 
-def _touched(spans_s: Array, holds_s: Array) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def _touched(spans_s: Array, holds_s: Array) -> NDArray[np.bool_]:
     """Return which of n intervals touch which of m holds (n, m)."""
     return np.asarray((spans_s[:, :1] < holds_s[:, 1]) & (holds_s[:, 0] < spans_s[:, 1:]))
 
@@ -165,14 +166,12 @@ def _of_intervals(found: UnitSpikes, fit: ClockFit, holds_s: Array, end_s: float
 
 
 _NOT_USED = (
-    "The file's {} {} not used: presses are those of the run's journal. If they mark presses that do not count, leave "
-    "these out of the times at which the unit was observed."
+    "The file's {} {} not used: presses are those of the run's journal. If they mark presses that do not count, "
+    "leave these out of the times at which the unit was observed."
 )
 
 
-def _idle(
-    name: str, run_s: Array, touched: np.ndarray[tuple[int, int], np.dtype[np.bool_]], end_s: float
-) -> list[str]:
+def _idle(name: str, run_s: Array, touched: NDArray[np.bool_], end_s: float) -> list[str]:
     """Return a sentence on the excluded intervals (n, 2) that touch no hold."""
     idle_s = run_s[~touched.any(axis=1)]
     if not len(idle_s):

@@ -64,8 +64,8 @@ class UnitSpikes:
     `throughout` is whether the user states that these reach over the whole run. `of_run` is whether the file was
     exported from the run; `stated` is whether the user states that there are no pulses. `file_s` are times at which
     the file recorded anything, as the first and last spike of its other units, and `fired_s` those at which any unit
-    fired. `intervals` are others than those of observation, or were taken out of them. `notes` are sentences for the page,
-    and `read_as` says what was read, in which unit.
+    fired. `intervals` are others than those of observation, or were taken out of them. `notes` are sentences for the
+    page, and `read_as` says what was read, in which unit.
     """
 
     path: Path

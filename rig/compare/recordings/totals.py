@@ -47,17 +47,14 @@ STATISTICS = (
 )
 ROUNDED = 1e-3
 """Share by which a mean in a table may be rounded."""
-UNLIKELY = 2e-3
+UNLIKELY = 1.5e-3
 """Chance below which an agreement of measurements with a statistic of others is refused."""
 SQRT_TAU = 2.5  # of a normal density: the chance of one of its steps is step / (2.5 sd)
 _MOST_TOTALS, _MOST_OF_GROUP = 8, 3  # rows that pandas' describe() gives, and a mean, an sd and a number
 _SAID, _WHOLE = 0.03, 0.02
 _TRIED = 5  # statistics that lie in the range of the values
-_ODD, _TAKEN, _ZERO = (
-    0.1,
-    0.03,
-    0.2,
-)  # shares of tables whose last row is a press or point beside the order of the others
+_ODD, _TAKEN, _ZERO = 0.1, 0.03, 0.2
+"""Shares of tables whose last measurement lies beside the order of the others, at the place of one, or at 0."""
 
 
 class _Rows(NamedTuple):
@@ -80,12 +77,12 @@ class _Total(NamedTuple):
 def refuse_total_rows(
     rows: Sequence[Row], columns: Sequence[str], values: Array, what: str, group: str = "", *, fewest: int = 3
 ) -> str:
-    """Refuse one of the first or last rows that is the sum, mean and the like of the others, or of those of its group.
+    """Refuse one of the first or last rows that is the sum, mean and the like of the others, or of its group.
 
     values (n, 1 + k) are the measured ones in n rows, and k coordinates of the place; `what` is a row in words,
-    `group` a column whose cells tell groups apart, `fewest` the others that can show it. A row is refused if its value
-    is that of the others to rounding, and its place fits neither the order nor the spacing of the others, or is their
-    mean and the like, so that chance is excluded. Return a sentence on one that may be so by chance.
+    `group` a column whose cells tell groups apart, `fewest` the others that can show it. A row is refused if its
+    value is that of the others to rounding, and its place fits neither the order nor the spacing of the others, or is
+    their mean and the like, so that chance is excluded. Return a sentence on one that may be so by chance.
     """
     labels = np.array([row.cells.get(group, "") for row in rows])
     every = [_Rows(np.arange(len(rows)), "the rows above", "the rows below", _MOST_TOTALS)]
@@ -106,7 +103,8 @@ def refuse_total_rows(
                     raise rows[found.at].wrong(
                         columns[0],
                         "totals",
-                        f"a {what}, but this row has {has}; delete it, or, if it is a {what}, move it into the middle",
+                        f"a {what}, but this row has {has}; delete it, or, if it is a {what}, move it into the "
+                        "middle",
                     )
                 if found.word not in _COMMON:
                     continue
@@ -144,7 +142,7 @@ def _total(
             density = max(2 * within[0], step) / (SQRT_TAU * sd) / (1 + ((value[0] - centre) / sd) ** 2)
             equal = int(np.count_nonzero(np.abs(measured - value[0]) <= within[0]))
             ties = max(0, equal - (statistic.word in _ONE_OF_THEM)) / len(rest)
-            tried = _TRIED * (1 if statistic.word in _COMMON else _RARE)
+            tried = _TRIED * (1 if statistic.word in _COMMON else _RARE) * len(block) ** 2
             chance = max(min(1.0, tried * (density + ties)) * place, _WHOLE * (abs(value[0] - total) > within[0]))
             if place < 1 and (found is None or chance < found.chance):
                 found = _Total(int(block[at]), statistic.word, chance)
@@ -171,7 +169,7 @@ def _begins_a_group(label: str, others: NDArray[np.str_]) -> bool:
 
 
 def _is_within_a_group(places: Array, labels: NDArray[np.str_], at: int) -> bool:
-    """Return whether the place of a row is also that of a row of another group, and neither its first nor its last."""
+    """Return whether the place of a row is that of a row of another group, and not its first or last."""
     same = (np.abs(places - places[at]) < _SAME).all(axis=1) & (labels != labels[at])
     ends = [np.flatnonzero(labels == label)[[0, -1]] for label in dict.fromkeys(labels[same].tolist())]
     return not np.isin(np.flatnonzero(same), ends).all()

@@ -294,6 +294,6 @@ def check(case: Case, folder: Path) -> None:
     found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
     np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
     assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
-    sentences = " ".join([found.read_as, *recording_sentences(found)])
+    sentences = " ".join([found.read_as, found.contents, *recording_sentences(found)])
     assert case.read_as in sentences
     assert case.silent is None or case.silent not in sentences

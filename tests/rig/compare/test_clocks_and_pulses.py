@@ -126,7 +126,8 @@ PRESENT = {
     "NWB, epochs with tags": Case(
         "they are not used, and said", of_amplifier(
             **PULSES, intervals__epochs__start_time=[45.0], intervals__epochs__tags=["artifact"]),
-        rates=ALL, read_as="The file's epochs (1 interval, artifact, 32.5 s of the run, during 0 presses) is not used",
+        rates=ALL,
+        read_as="The file's epochs (1 interval, artifact, 32.5 s of the run, during 0 presses) is not used",
     ),
     "NWB, epochs and no pulses": Case(
         "said, whatever the clock", nwb(intervals__epochs__start_time=[45.0]), ("sync=none",), rates=ALL,

@@ -59,7 +59,7 @@ TUNING = dict(zip((-1.9, -1.35, -0.8, -0.42, -0.1, 0.22, 0.6, 1.15, 1.8, 2.05),
 
 
 def tuning(*last: str, repeats: Sequence[int] = (), off: float = 3.0, block: str = "") -> Callable[[Path], str]:
-    """Rates at uneven positions, those of each repeat higher by `off`, with rows below, or a row below each repeat."""
+    """Rates at uneven positions, each repeat higher by `off`, with rows below, or a row below each repeat."""
     rows = []
     for n in repeats or (0,):
         rows += [f"{x},{y + off * n:g}" + f",{n}" * bool(repeats) for x, y in TUNING.items()]
@@ -87,6 +87,14 @@ ROWS = {
              "mean"),
         )
     },
+    "a table": Case(
+        "what was read is said, so that a wrong row is seen", tuning(), rates=list(TUNING.values()),
+        read_as="10 presses at 10 positions from -1.9 to 2.05 mm, 5.1 to 64.5 1/s, highest at 0.22 mm (row 7).",
+    ),
+    "a table of counts": Case(
+        "what was read is said", counted(), rates=[6, 6, 16, 34, 52, 64, 58, 28, 8, 6],
+        read_as="from -1.9 to 2.05 mm, 6 to 64 1/s (3 to 32 spikes), highest at 0.22 mm (row 7).",
+    ),
     "repeats that rise by one step": Case(
         "the second is the mean of the others, and said", tuning(repeats=(1, 2, 3)),
         rates=[y + 6 for y in TUNING.values()],

@@ -125,6 +125,7 @@ UNOBSERVED = {
     "NWB, obs_intervals end": Case(
         "presses at 70 and 80 s are after the unit was lost at 65 s",
         of_amplifier(UNTIL_LOST, **PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
+        read_as="6 of 8 presses at 3 positions from -0.5 to 0.25 mm, 4 to 28 1/s (2 to 14 spikes), highest at 0 mm.",
     ),
     "NWB, obs_intervals with a gap": Case(
         "the press at 30 s is in the gap; that at 40 s has 14 spikes in half a second",
@@ -209,7 +210,7 @@ UNOBSERVED = {
         for unit, factor in {"ms": 1e-3, "min": 60.0}.items()
     },
     "NWB, invalid_times outside of the run": Case(
-        "nothing is left out by them, and that is said", invalid(amplifier([100.0, 120.0]), amplifier([105.0, 126.0])),
+        "nothing is left out by them, and it is said", invalid(amplifier([100.0, 120.0]), amplifier([105.0, 126.0])),
         rates=ALL, read_as="2 intervals of invalid_times (100 to 126 s of the run) leave out no press: they lie "
         "outside the run (0 to 80.6 s)",
     ),
@@ -227,7 +228,8 @@ UNOBSERVED = {
         read_as="1 gap in the times at which the unit was observed (15 to 16 s of the run) leaves out no press",
     ),
     "NIX, an epoch of artifacts during presses": Case(
-        "it is not used, and when it was is said", nix(line_v=True, epoch=("artifact", "x")), ("sync=ttl",), rates=ALL,
+        "it is not used, and when it was is said", nix(line_v=True, epoch=("artifact", "x")), ("sync=ttl",),
+        rates=ALL,
         read_as="The file's artifact (1 interval, 45 to 65 s of the run, during 2 presses) is not used",
     ),
     "NIX, a unit with an annotation": Case(
