@@ -30,6 +30,7 @@ from rig.compare.spike_clock import (
     ClockShift,
     clock_shift,
     columns_sentences,
+    contents_sentences,
     outcome_of,
     recording_sentences,
     recordings_as_json,
@@ -339,7 +340,8 @@ def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None)
     several = len(recordings) > 1
     lines = [f"{f'{one.name}: ' if several else ''}{said}" for one in recordings.values()
              for said in recording_sentences(one)]  # fmt: skip
-    return [*columns_sentences(recordings.values()), *lines, *([] if shift is None else [shift.sentence])]
+    read = [*columns_sentences(recordings.values()), *contents_sentences({"": recordings})]
+    return [*read, *lines, *([] if shift is None else [shift.sentence])]
 
 
 def _measured_deflection(runs: Sequence[Run], file: Path) -> list[Deflection]:

@@ -28,6 +28,7 @@ from rig.compare.spike_clock import (
     RecordingJson,
     clock_shift,
     columns_sentences,
+    contents_sentences,
     recording_sentences,
     recordings_as_json,
     shift_as_json,
@@ -179,7 +180,8 @@ def compare_group(of: GroupInput, report: Path) -> None:
     for name, some in found.items():
         for read in (read for read in some.values() if read.spikes is not None):
             out.print(f"{name:<12}{read.name}: {' '.join(recording_sentences(read))}")
-    for line in columns_sentences(read for some in found.values() for read in some.values()):
+    columns = columns_sentences(read for some in found.values() for read in some.values())
+    for line in (*columns, *contents_sentences(found)):
         out.print(f"recordings  {line}")
     if shift is not None:
         out.print(f"clock       {shift.sentence}")

@@ -61,6 +61,8 @@ class RecordingJson(Output):
     positions: int
     columns_text: str
     """Columns that were read, and their units."""
+    contents_text: str
+    """Presses used of those in the file, positions, and the range of the rates."""
     window_s: float | None
     """Window of the counts; null for rates."""
     rates: list[RecordedRateJson]
@@ -124,7 +126,7 @@ def recording_sentences(found: Recording) -> list[str]:
     spikes = found.spikes
     if spikes is None:
         return []
-    every = f"All {number_of(spikes.presses, 'presses')} were observed."
+    every = f"All {number_of(spikes.presses, 'presses')} count as observed."
     return [spikes.left_out or every, spikes.clock.text, *spikes.notes]
 
 
@@ -137,6 +139,12 @@ def columns_sentences(recordings: Iterable[Recording]) -> list[str]:
     if len(files) == 1:
         return list(files)
     return [f"{_few(list(names))}: {text}" for text, names in files.items()]
+
+
+def contents_sentences(recordings: Mapping[str, Recordings]) -> list[str]:
+    """Return what was read of each recording, by afferent ("" for the only one), with its shape if there are more."""
+    every = {f"{afferent} {key}".strip(): one for afferent, some in recordings.items() for key, one in some.items()}
+    return [f"{name}: {one.contents}" if len(every) > 1 else one.contents for name, one in every.items()]
 
 
 _MOST_NAMED = 4
@@ -181,6 +189,7 @@ def recordings_as_json(recordings: Mapping[str, Recordings]) -> list[RecordingJs
             "recording": one.name,
             "positions": len(one.position_mm),
             "columns_text": one.read_as,
+            "contents_text": one.contents,
             "window_s": one.window_s,
             "rates": [
                 {

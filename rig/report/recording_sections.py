@@ -284,7 +284,9 @@ def read_deflections(path: Path) -> list[Deflection]:
         rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
-    refuse_total_rows(found, ["deflection_mm", "z_mm"], np.array(rows)[:, [2, 1]], "point", fewest=FEWEST_POINTS)
+    refuse_total_rows(
+        found, ["deflection_mm", "z_mm"], np.array(rows)[:, [2, 1]], "point", "doi_mm", fewest=FEWEST_POINTS
+    )
     downward_mm(path, found)
     table = np.array(sorted(rows))
     depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one depth

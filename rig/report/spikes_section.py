@@ -2,7 +2,14 @@
 
 from collections.abc import Mapping
 
-from rig.compare.spike_clock import ClockShift, Recordings, columns_sentences, rate_rows, recording_rows
+from rig.compare.spike_clock import (
+    ClockShift,
+    Recordings,
+    columns_sentences,
+    contents_sentences,
+    rate_rows,
+    recording_rows,
+)
 from rig.report.page_parts import Section
 
 _HEADER = ("recording of", "file", "presses used", "not observed", "clock")
@@ -41,4 +48,4 @@ def _rates(recordings: Mapping[str, Recordings]) -> list[Section]:
     said = columns_sentences(one for some in recordings.values() for one in some.values())
     text = "All rates of the recordings as they were read."
     header = _RATES if len(rows[0]) == len(_RATES) else ("afferent", *_RATES)
-    return [Section("Recorded rates", text, header, rows, points=tuple(said))]
+    return [Section("Recorded rates", text, header, rows, points=(*said, *contents_sentences(recordings)))]

@@ -15,7 +15,7 @@ from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.number_cells import label_key
 from rig.compare.recordings.reading import (
     Reading,
-    are_copies,
+    common_data,
     of_one_afferent,
     read_recording,
     refuse_unused_columns,
@@ -138,12 +138,11 @@ def _refuse(
         )
     for same, other in seen:
         of_one_unit = one.afferent == same.afferent and recording.spikes is not None  # its file has several stimuli
-        if not of_one_unit and are_copies(recording, one.file, other, same.file):
-            copy = (
-                ""
-                if Path(one.file).resolve() == Path(same.file).resolve()
-                else ", in a file, or as a unit, with the same rates or spikes"
-            )
+        data = "" if of_one_unit else common_data(
+            recording, one.file, other, same.file, scaled=one.afferent != same.afferent)  # fmt: skip
+        if data:
+            is_file = Path(one.file).resolve() == Path(same.file).resolve()
+            copy = "" if is_file else f", {same.file}, with {data}; give one unit one name"
             raise RecordingError(
                 f"{one.file} is the recording of {same.shape} of afferent {same.afferent} already "
                 f"({same.where}){copy}",

@@ -10,14 +10,20 @@ ZIP = b"PK\x03\x04"
 MATLAB, MATLAB_73 = b"MATLAB 5.0", b"MATLAB 7.3"
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
+_PICKLE = "a pickle of Python, which is not read, as it can run any code; save the spikes as NIX, NWB or CSV"
 _KINDS = (
-    (HDF5, "an HDF5 file; the names of NWB files must end in .nwb"),
+    (
+        HDF5,
+        "an HDF5 file; the names of NWB files must end in .nwb, and files of MATLAB 7.3 must be saved with "
+        "save(…, '-v7'), or as CSV",
+    ),
     (MATLAB_73, "a MATLAB file of version 7.3; save it in MATLAB with save(…, '-v7')"),
     (MATLAB, "a MATLAB file; its name must end in .mat"),
     (bytes.fromhex("d0cf11e0a1b11ae1"), "an Excel file of the old kind (.xls); save it as .xlsx or CSV UTF-8"),
     (ZIP, "a ZIP archive or a workbook of another program; save it as .xlsx or CSV UTF-8"),
     (b"\x1f\x8b", "compressed with gzip; unpack it"),
     (b"%PDF", "a PDF"),
+    *((bytes((128, version)), _PICKLE) for version in range(2, 6)),
     (b"version https://git-lfs", "a pointer of Git LFS instead of the file; fetch it with git lfs pull"),
     (b"<!doctype", "a page of a website"),
     (b"<html", "a page of a website"),

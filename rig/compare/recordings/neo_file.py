@@ -23,7 +23,7 @@ from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, UnitSpikes, extent, joined, no_such_unit
+from rig.compare.recordings.spike_times import THROUGHOUT, FileIntervals, UnitSpikes, extent, no_such_unit
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -66,11 +66,19 @@ def neo_format(path: Path) -> NeoFormat | None:
 
 @dataclass(frozen=True)
 class _Train:
-    """A spike train: its spikes (s), and when it states that it began and ended (s)."""
+    """A spike train: its spikes (s), when it states that it began and ended (s), and its annotations."""
 
     spike_s: Array
     begin_s: float
     end_s: float
+    annotations: Mapping[str, str]
+
+    @property
+    def unread(self) -> list[str]:
+        """Return a sentence on annotations, which may say that the unit does not count."""
+        said = [f"{name} = {text}" for name, text in self.annotations.items()][:_MOST_LISTED]
+        return [f"Annotations of the unit that are not read: {', '.join(said)}. If they say that it does not count, "
+                "choose another unit."] if said else []  # fmt: skip
 
     @property
     def last_s(self) -> float:
@@ -119,8 +127,8 @@ class _Segment:
     events: Mapping[str, Array]
     lines: Mapping[str, Callable[[], tuple[Array, Array]]]
     """Rises and falls of sampled channels."""
-    epochs: tuple[str, ...]
-    """Names of the event channels that are epochs."""
+    epochs: Mapping[str, Array]
+    """Intervals (n, 2) of the event channels that are epochs (s)."""
 
     @property
     def spikes(self) -> dict[str, Array]:
@@ -146,12 +154,6 @@ class _Segment:
     def may_have_pulses(self) -> bool:
         """Whether there are events, or a sampled channel that is called as a line of pulses."""
         return any(map(len, self.events.values())) or any(map(called_like_pulses, self.lines))
-
-    def unused(self, channel: str) -> list[str]:
-        """Return a sentence on the epochs that are not the pulses."""
-        others = [name for name in self.epochs if name != channel]
-        each = [f"{name} ({number_of(len(self.events[name]), 'intervals')})" for name in others[:_MOST_LISTED]]
-        return [NOT_USED.format(joined(each))] if others else []
 
 
 def read_neo(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSpikes:
@@ -186,12 +188,14 @@ def read_neo(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         finite_times(path, name, segment.events[name] if train is None else train.spike_s),
         np.sort(finite_times(path, channel, pulses)),
         observed,
-        notes=(*segment.unused(channel), *said),
+        notes=(*said, *(() if train is None else train.unread)),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
         end_s=ends,
         line=channel in segment.lines,
         read_as=f"Spike times read: {name}.",
         file_s=extent(*segment.spikes.values(), *segment.events.values()),
+        fired_s=extent(*segment.spikes.values()),
+        intervals=tuple(FileIntervals(one, spans) for one, spans in segment.epochs.items() if one != channel),
     )
 
 
@@ -244,19 +248,27 @@ def _blocks(neo_io: Any, found: NeoFormat, path: Path) -> list[Any]:
 def _segment(segment: Any) -> _Segment:
     trains = {name: _train(one) for name, one in _named([_loaded(one) for one in segment.spiketrains])}
     events: dict[str, Array] = {}
-    epochs = list[str]()
+    epochs: dict[str, Array] = {}
     for name, one in _named([_loaded(one) for one in (*segment.events, *segment.epochs)]):
         events[name] = times = _in_seconds(one)
-        epochs += [name] if hasattr(one, "durations") else []
+        if hasattr(one, "durations"):
+            lasts = np.asarray(one.durations.rescale("s").magnitude, dtype=float)
+            epochs[name] = np.column_stack([times, times + lasts]) if len(lasts) == len(times) else np.empty((0, 2))
         texts = np.array([same_name(str(text)) for text in np.asarray(one.labels)], dtype=str)
         distinct = sorted(set(texts.tolist()))
         if 1 < len(distinct) <= _MOST_LABELS and len(texts) == len(times):
             events |= {f"{name}/{text}": times[texts == text] for text in distinct}
-    return _Segment(trains, events, _lines(segment), tuple(epochs))
+    return _Segment(trains, events, _lines(segment), epochs)
 
 
 def _train(train: Any) -> _Train:
-    return _Train(_in_seconds(train), *(float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop)))
+    begin_s, end_s = (float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop))
+    own = {name: value for name, value in train.annotations.items() if isinstance(value, str | int | float)}
+    stated = {one: f"{value}" for one, value in own.items() if one not in _OF_FORMATS and not one.startswith("nix_")}
+    return _Train(_in_seconds(train), begin_s, end_s, stated)
+
+
+_OF_FORMATS = ("id", "name", "description", "unit_id", "channel_id", "unit_index", "channel_index", "segment_index")
 
 
 def _lines(segment: Any) -> dict[str, Callable[[], tuple[Array, Array]]]:

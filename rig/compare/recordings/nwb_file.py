@@ -17,13 +17,12 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, RecordingColumn, role_name
 from rig.compare.recordings.hdf5 import Hdf5File, trouble
 from rig.compare.recordings.spike_times import (
-    NOT_USED,
     THROUGHOUT,
     Array,
+    FileIntervals,
     UnitSpikes,
     are_inside,
     extent,
-    joined,
     no_such_unit,
     union,
     without,
@@ -61,9 +60,9 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         spikes = columns["time"].factor * units.times(row)
         file_s = columns["time"].factor * units.extent()
         observed = _observed(file, columns, units, row, spikes)
-        observed = without(observed, _invalid(file, columns, np.append(file_s, observed[np.isfinite(observed)])))
+        invalid = _invalid(file, columns, np.append(file_s, observed[np.isfinite(observed)]))
         of_run = uid != "" and file.text("identifier").endswith(uid)
-        pulses, stated, notes = _pulses(file, columns, required=not of_run)
+        pulses, stated, others = _pulses(file, columns, required=not of_run)
         pulse_s, end_s = (columns["sync"].factor * np.sort(one) for one in (pulses.begin, pulses.end))
         which = f"unit {units.ids[row]}, row {row + 1} of {len(units.ids)}"
         return UnitSpikes(
@@ -71,14 +70,16 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
             unit,
             spikes,
             pulse_s,
-            observed,
+            without(observed, invalid.spans_s),
             of_run=of_run,
             stated=stated,
-            notes=(*notes, *units.unread(row, columns["observed"].name)),
+            notes=tuple(units.unread(row, columns["observed"].name)),
             end_s=end_s,
             line=pulses.line,
             read_as=f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}, {which}.",
             file_s=file_s,
+            fired_s=file_s,
+            intervals=(*([invalid] if len(invalid.spans_s) else []), *others),
         )
 
 
@@ -252,26 +253,30 @@ def _observed(file: Hdf5File, columns: ColumnMap, units: _Units, row: int, spike
             f"{file.path}: only {inside} of {len(spike_s)} spikes of unit {units.ids[row]} ({spike_s.min():g} to "
             f"{spike_s.max():g} s) lie in its {column.name}, {float(found[0, 0]):g} to {float(found[-1, 1]):g} s, "
             f"and all should; if one of the two is in ms, state it, e.g. --columns observed={column.name}:ms or "
-            f"--columns time={units.column}:ms",
+            f"--columns time={units.column}:ms; if the unit was lost, or not held, at these times, delete the spikes "
+            "there, or correct its intervals",
             "spikes_outside_observed",
         )
     return found
 
 
-def _invalid(file: Hdf5File, columns: ColumnMap, others_s: Array) -> Array:
-    """Return the intervals (n, 2) of the table invalid_times, in s; none without such a table.
+def _invalid(file: Hdf5File, columns: ColumnMap, others_s: Array) -> FileIntervals:
+    """Return the intervals of the table invalid_times; none without such a table.
 
     `others_s` are other times of the file.
     """
     column = columns["invalid"]
     place = f"intervals/{column.name}"
     if column.name not in file.members("intervals") and "invalid" not in columns.named:
-        return np.empty((0, 2))
+        return FileIntervals(column.name, np.empty((0, 2)))
     ends = [file.numbers(f"{place}/{end}") for end in ("start_time", "stop_time")]
     each = [file.times(one) for one in ends if one is not None]
     if len(each) < len(ends) or len(each[0]) != len(each[1]):
         raise file.refused(place, "bad_invalid_times", "must have as many start_time as stop_time")
-    return _intervals_s(file, place, "invalid", column, np.column_stack(each), float(others_s.max(initial=0.0)))
+    last_s = float(others_s.max(initial=0.0))
+    spans_s = _intervals_s(file, place, "invalid", column, np.column_stack(each), last_s)
+    option = "" if column.stated else f"--columns invalid={column.name}"
+    return FileIntervals(column.name, spans_s, excluded=True, unit_option=option)
 
 
 def _intervals_s(
@@ -370,8 +375,8 @@ class _Pulses(NamedTuple):
     line: bool = False
 
 
-def _pulses(file: Hdf5File, columns: ColumnMap, *, required: bool) -> tuple[_Pulses, bool, tuple[str, ...]]:
-    """Return the pulses, whether the user states that there are none, and notes.
+def _pulses(file: Hdf5File, columns: ColumnMap, *, required: bool) -> tuple[_Pulses, bool, list[FileIntervals]]:
+    """Return the pulses, whether the user states that there are none, and intervals that are not pulses.
 
     Without `required`, something that may be pulses by another name is not.
     """
@@ -384,7 +389,7 @@ def _pulses(file: Hdf5File, columns: ColumnMap, *, required: bool) -> tuple[_Pul
         return _edges(file, meant[0]), False, _unused(file, [one for one in every if one is not meant[0]])
     likely = [one for one in every if _may_be_pulses(file, one)]
     if not (meant or named or (likely and required)):
-        return _Pulses(np.empty(0)), False, ()
+        return _Pulses(np.empty(0)), False, []
     listed = [one.place if meant else str(one) for one in meant or likely or every][:_MOST_LISTED]
     held = ", ".join(listed) or "nothing that has times"
     problem, code = (
@@ -400,14 +405,16 @@ def _pulses(file: Hdf5File, columns: ColumnMap, *, required: bool) -> tuple[_Pul
     )
 
 
-def _unused(file: Hdf5File, others: Sequence[_Candidate]) -> tuple[str, ...]:
-    """Return a sentence on the intervals that are not the pulses, with tags, and columns that may reject some."""
-    held = []
+def _unused(file: Hdf5File, others: Sequence[_Candidate]) -> list[FileIntervals]:
+    """Return the intervals that are not the pulses, with tags, and columns that may reject some."""
+    found = []
     for one in [one for one in others if one.kind == "intervals"][:_MOST_LISTED]:
         rejecting = [f"column {name}" for name in file.members(one.place) if REJECTING.search(name)]
         about = [*rejecting, *sorted(set(file.texts(f"{one.place}/tags") or []))][:_MOST_LISTED]
-        held.append(f"{one.name} ({', '.join([number_of(one.size, one.kind), *about])})")
-    return (NOT_USED.format(joined(held)),) if held else ()
+        begin, stop = _times(file, f"{one.place}/start_time"), f"{one.place}/stop_time"
+        end = _times(file, stop) if file.rows(stop) == len(begin) else begin
+        found.append(FileIntervals(one.name, np.column_stack([begin, end]), about=tuple(about)))
+    return found
 
 
 def _edges(file: Hdf5File, one: _Candidate) -> _Pulses:

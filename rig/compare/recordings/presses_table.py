@@ -40,12 +40,15 @@ from rig.compare.recordings.table import (
 from rig.compare.recordings.table_cells import SameInAllRows
 from rig.compare.recordings.totals import (
     ROUNDED,
+    SQRT_TAU,
     STATISTICS,
+    UNLIKELY,
     Statistic,
     decimals_of,
     half_digit,
     refuse_nines,
     refuse_total_rows,
+    value_step,
 )
 
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
@@ -96,7 +99,9 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     sentences += [check(presses) for check in CHECKS if presses]
     read_as = " ".join(filter(None, [columns_read(rows, columns.window_s if counted else None), *sentences]))
     changes = [*columns.changes(*required, *optional), *_header_changes(rows, (*required, *optional))]
-    found = with_enough_positions(path, replace(found, changes=tuple(dict.fromkeys(changes)), read_as=read_as))
+    highest = f"row {max(presses, key=lambda one: one.value).row.row}" if presses else ""
+    found = replace(found, changes=tuple(dict.fromkeys(changes)), read_as=read_as, highest_in=highest)
+    found = with_enough_positions(path, found)
     refuse_impossible_rate(path, found)
     _refuse_narrow_profile(path, found, rows[0].columns[_POSITION])
     return found
@@ -250,13 +255,8 @@ def _nines(presses: TablePresses) -> str:
 
 
 def _total_rows(presses: TablePresses) -> str:
-    """Refuse one of the first or last rows whose numbers are all the sums, means and the like of the other rows."""
-    repeats = [one.row.format.number(one.repeat) for one in presses]
-    numbered = not any(map(math.isnan, repeats))
-    values = [(one.value, one.position_mm, repeat) for one, repeat in zip(presses, repeats, strict=True)]
-    columns = [presses[0].measured, _POSITION, _REPEAT][: 3 if numbered else 2]
-    refuse_total_rows([one.row for one in presses], columns, np.array(values)[:, : len(columns)], "press")
-    return ""
+    values = np.array([(one.value, one.position_mm) for one in presses])
+    return refuse_total_rows([one.row for one in presses], [presses[0].measured, _POSITION], values, "press", _REPEAT)
 
 
 def _repeat_of_totals(presses: TablePresses) -> str:
@@ -269,6 +269,7 @@ def _repeat_of_totals(presses: TablePresses) -> str:
         at.setdefault(one.position_mm, {})[one.repeat] = one.value
     every = [some for some in at.values() if len(some) > _FEWEST_OTHERS]
     said, roundings = "", _roundings(presses)
+    step, labels = value_step(np.array([one.value for one in presses])), [one.repeat for one in presses]
     for label in every[0] if every else ():
         differ = [some for some in every if label in some and np.ptp(_others(some, label)) > 0]
         for statistic in (one for one in STATISTICS if one.of_repeats):
@@ -276,7 +277,8 @@ def _repeat_of_totals(presses: TablePresses) -> str:
                 continue
             has = f"it has the {statistic.word} of the other repeats at each of {len(differ)} positions"
             chance = 0.0 if statistic.exact else _chance(statistic, differ, roundings)
-            if chance < _UNLIKELY:
+            in_between = label not in (labels[0], labels[-1])  # as of rates that rise in steps
+            if chance < _UNLIKELY and not in_between and _agreement(differ, label, roundings, step) < UNLIKELY:
                 row = next(one.row for one in presses if one.repeat == label)
                 raise row.wrong(_REPEAT, "totals", f"a press, but {has}; delete its rows")
             if chance < 1:
@@ -324,6 +326,22 @@ def _chance(
     return float(np.prod(shares)) * max(map(len, positions))
 
 
+def _agreement(
+    positions: Sequence[Mapping[str, float]], label: str, roundings: Mapping[str, _Rounding], step: float
+) -> float:
+    """Return how probable it is that a repeat agrees so closely with any number, by the noise of the others."""
+    others = [np.array(_others(some, label)) for some in positions]
+    mean = np.array([some.mean() for some in others])
+    noise = float(np.mean([some.var(ddof=1) for some in others]) / mean.mean())
+    width = max(step, 2 * roundings[label].half * (not roundings[label].whole))
+    each = np.minimum(1.0, width / (SQRT_TAU * np.sqrt(noise * np.maximum(mean, step))))
+    named = _NAMED if isinstance(label_key(label), str) else 1.0
+    return float(np.prod(each)) * len(positions[0]) * named
+
+
+_NAMED = 0.02  # share of repeats with a name of its own that are presses
+
+
 def _close_positions(presses: TablePresses) -> str:
     """Return a sentence on positions that are nearly equal. Raises RecordingError if they are of several repeats."""
     placed = sorted(presses, key=lambda one: one.position_mm)
@@ -350,5 +368,5 @@ _NEAR_MM, _TICK_MM = 0.01, 1e-6  # closer positions may be one, read from a stag
 
 REPEAT_CHECKS = (_unclear_repeats, _place_twice)
 """Questions that come before the rates or counts are read, since a row of means need not have one."""
-CHECKS = (_nines, _total_rows, _repeat_of_totals, _close_positions)
+CHECKS = (_nines, _close_positions, _total_rows, _repeat_of_totals)
 """Questions about all presses of a table: a sentence for the page, "" for none; or RecordingError."""

@@ -96,11 +96,29 @@ class Recording:
     """Unit of the rates; of a table in a unit of its own, such as "a.u.", that one."""
     read_as: str = ""
     """Sentences on the columns that were read, and their units."""
+    highest_in: str = ""
+    """Where the file has the highest rate, e.g. "row 12"; "" for spike times."""
 
     @property
     def rate(self) -> Array:
         """Mean rate (p,) over repeats."""
         return np.array([rates.mean() for rates in self.repeats])
+
+    @property
+    def contents(self) -> str:
+        """What was read: the presses used of those in the file, positions, and the range of the rates."""
+        each = np.concatenate(self.repeats)
+        used, places = len(each), self.position_mm
+        of = "" if self.spikes is None or not self.spikes.not_observed else f" of {self.spikes.presses}"
+        unit = f" {self.rate_unit}"
+        if self.window_s is not None:
+            unit += f" ({each.min() * self.window_s:.0f} to {each.max() * self.window_s:.0f} spikes)"
+        highest = next(x for x, rates in zip(places, self.repeats, strict=True) if rates.max() == each.max())
+        where = f"{highest:g} mm" + f" ({self.highest_in})" * bool(self.highest_in)
+        return (
+            f"{used}{of} presses at {number_of(len(places), 'positions')} from {places[0]:g} to {places[-1]:g} mm, "
+            f"{each.min():.4g} to {each.max():.4g}{unit}, highest at {where}."
+        )
 
     def mirrored(self) -> "Recording":
         """Return the recording with negated positions, for profiles that are mirror images in the finger's frame."""

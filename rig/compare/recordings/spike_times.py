@@ -39,6 +39,20 @@ _UNTOLD = SpikeClock(
 )
 
 
+class FileIntervals(NamedTuple):
+    """Intervals (n, 2) of a file, in s of its clock: its name for them, and what it has beside them.
+
+    `excluded`: presses there do not count; else the intervals are not used. `unit_option` states their unit of time,
+    as --columns invalid=NAME, "" if it is stated, or known.
+    """
+
+    name: str
+    spans_s: Array
+    excluded: bool = False
+    about: tuple[str, ...] = ()
+    unit_option: str = ""
+
+
 @dataclass(frozen=True)
 class UnitSpikes:
     """What a file has of one unit, in s of the file's clock: every reader returns it.
@@ -49,8 +63,9 @@ class UnitSpikes:
     which the file says that the unit was observed, infinite where it does not say when they begin or end;
     `throughout` is whether the user states that these reach over the whole run. `of_run` is whether the file was
     exported from the run; `stated` is whether the user states that there are no pulses. `file_s` are times at which
-    the file recorded anything, as the first and last spike of its other units. `notes` are sentences for the page,
-    and `read_as` says what was read, in which unit.
+    the file recorded anything, as the first and last spike of its other units, and `fired_s` those at which any unit
+    fired. `intervals` are others than those of observation, or were taken out of them. `notes` are sentences for the
+    page, and `read_as` says what was read, in which unit.
     """
 
     path: Path
@@ -66,6 +81,8 @@ class UnitSpikes:
     line: bool = False
     read_as: str = ""
     file_s: Array = field(default_factory=lambda: np.empty(0))
+    fired_s: Array = field(default_factory=lambda: np.empty(0))
+    intervals: tuple[FileIntervals, ...] = ()
 
     @property
     def where(self) -> str:
@@ -178,13 +195,6 @@ def without(spans: Array, gaps: Array) -> Array:
 def both(spans: Array, others: Array) -> Array:
     """Return what two lists of intervals (n, 2), (m, 2) share."""
     return union(np.array([(max(a, c), min(b, d)) for a, b in spans for c, d in others]).reshape(-1, 2))
-
-
-NOT_USED = (
-    "The file's {} are not used: presses are those of the run's journal. If they mark presses that do not count, "
-    "leave these out of the times at which the unit was observed."
-)
-"""Sentence on intervals of a file."""
 
 
 def joined(words: Sequence[str]) -> str:

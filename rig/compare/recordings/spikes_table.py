@@ -71,6 +71,7 @@ def read_spikes_table(path: Path, unit: str, columns: ColumnMap, uid: str = "") 
         stated=stated,
         read_as=columns_read(rows),
         file_s=extent(_times(events, "spike")),
+        fired_s=extent(_times(events, "spike")),
     )
 
 

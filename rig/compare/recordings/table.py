@@ -239,7 +239,8 @@ class Header(NamedTuple):
             if self.names.count(one) > 1 and (one in taken or not given):
                 raise self._extra(one, required, optional, "; delete or rename one of them")
             if one not in taken and not given:
-                raise self._extra(one, required, optional, _suggested(found, required, optional) or hint)
+                of_rows = _ROW_NAMES if not one else ""
+                raise self._extra(one, required, optional, of_rows or _suggested(found, required, optional) or hint)
         return found
 
     def _recognized(self, name: str, names: Sequence[str]) -> RecordingColumn | None:
@@ -299,6 +300,9 @@ class Header(NamedTuple):
 
     def _wrong(self, code: str, problem: str) -> RecordingError:
         return RecordingError(f"{self.path}, row {self.row}{problem}", code)
+
+
+_ROW_NAMES = "; if it has the names of rows, write it without them (in R: row.names = FALSE), or delete the column"
 
 
 def _use(remedy: str) -> str:

@@ -133,13 +133,15 @@ def pulses_at(times: Array) -> dict[str, Any]:
 
 def nix(
     start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
-    epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, **of_line: Any,
+    epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, quality: str = "", **of_line: Any,
 ) -> Any:  # fmt: skip
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
         segment = neo.Segment()
         times = np.array([t for t in spikes if start <= t <= stop])
-        segment.spiketrains.append(neo.SpikeTrain(times, units="s", t_start=start, t_stop=stop, name="u"))
+        train = neo.SpikeTrain(times, units="s", t_start=start, t_stop=stop, name="u")
+        train.annotate(**({"quality": quality} if quality else {}))
+        segment.spiketrains.append(train)
         if line_v:
             segment.analogsignals.append(
                 neo.AnalogSignal(
@@ -292,6 +294,6 @@ def check(case: Case, folder: Path) -> None:
     found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
     np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
     assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
-    sentences = " ".join([found.read_as, *recording_sentences(found)])
+    sentences = " ".join([found.read_as, found.contents, *recording_sentences(found)])
     assert case.read_as in sentences
     assert case.silent is None or case.silent not in sentences

@@ -236,7 +236,31 @@ OTHERS = [t + 0.003 * (1 + n % 3) for n, t in enumerate(TIMES)]
 ROWS = ("-1,33.3333333", "-0.5,5", "0,66.6666667", "0.5,4")
 RATES = "\n".join(["position_mm,rate", *ROWS])
 ONE, TWO = nwb(TIMES), nwb(TIMES, OTHERS)
+TUNED = {-2: 4.2, -1.5: 6.0, -1: 16.0, -0.5: 39.0, 0: 54.0, 0.5: 39.0, 1: 16.0, 1.5: 6.0, 2: 4.2}
+
+
+def tuned(
+    positions: int = 9, factor: float = 1.0, shift_mm: float = 0.0, other: float = 0.0
+) -> Callable[[Path], None]:
+    """Rates under a bell; `other` is added to the last one."""
+    rows = [(x + shift_mm, factor * rate) for x, rate in list(TUNED.items())[:positions]]
+    rows[-1] = rows[-1][0], rows[-1][1] + other
+    return as_text("position_mm,rate\n" + "".join(f"{x},{rate:.4f}\n" for x, rate in rows))
+
+
 COPIES = {
+    "a table with a row fewer": (tuned(), "one.csv", "other.csv", tuned(8), True),
+    "a normalized table": (tuned(), "one.csv", "other.csv", tuned(factor=1 / 54), True),
+    "a table with another center of the field": (tuned(), "one.csv", "other.csv", tuned(shift_mm=0.5), True),
+    "a table with a row fewer and another rate": (tuned(), "one.csv", "other.csv", tuned(8, other=0.2), False),
+    "a normalized table with another rate": (
+        tuned(), "one.csv", "other.csv", tuned(factor=1 / 54, other=0.01), False,
+    ),
+    **{
+        f"a unit that fires {1e3 * lag_s:g} ms later": (
+            TWO, "one.nwb#0", "other.nwb", nwb([t + lag_s for t in TIMES]), is_copy)
+        for lag_s, is_copy in ((0.0005, True), (0.0008, True), (0.0019, True), (0.004, False))
+    },
     "a unit named, and the only one": (ONE, "one.nwb", "one.nwb#0", ONE, True),
     "a row and an id": (TWO, "one.nwb#row=1", "one.nwb#0", TWO, True),
     "another unit": (TWO, "one.nwb#0", "one.nwb#1", TWO, False),

@@ -116,21 +116,22 @@ PRESENT = {
     "NIX, that other name": Case("named", nix(line_v=True, name="Stim monitor"), ("sync=Stim monitor",), rates=ALL),
     "NIX, an epoch": Case(
         "it may mark presses that do not count", nix(line_v=True, epoch=("bad", "artifact")), ("sync=ttl",),
-        rates=ALL, read_as="The file's bad (1 interval) are not used",
+        rates=ALL, read_as="The file's bad (1 interval, 45 to 65 s of the run, during 2 presses) is not used",
     ),
     "NWB, trials with a column of rejections": Case(
         "it is not used, and said", of_amplifier(
             **PULSES, intervals__trials__start_time=amplifier(STARTS), intervals__trials__rejected=[0] * 8),
-        rates=ALL, read_as="trials (8 intervals, column rejected) are not used",
+        rates=ALL, read_as="trials (8 intervals, column rejected, ",
     ),
     "NWB, epochs with tags": Case(
         "they are not used, and said", of_amplifier(
             **PULSES, intervals__epochs__start_time=[45.0], intervals__epochs__tags=["artifact"]),
-        rates=ALL, read_as="epochs (1 interval, artifact) are not used",
+        rates=ALL,
+        read_as="The file's epochs (1 interval, artifact, 32.5 s of the run, during 0 presses) is not used",
     ),
     "NWB, epochs and no pulses": Case(
         "said, whatever the clock", nwb(intervals__epochs__start_time=[45.0]), ("sync=none",), rates=ALL,
-        pulses=False, read_as="epochs (1 interval) are not used",
+        pulses=False, read_as="The file's epochs (1 interval, 45 s of the run, during 0 presses) is not used",
     ),
     "NIX, that line": Case("named", nix(line_v=True), ("sync=ttl",), rates=ALL),
     "CSV, a column of pulses beside": Case(

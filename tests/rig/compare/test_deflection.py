@@ -73,6 +73,35 @@ def test_a_row_of_totals_in_a_table_of_deflections_is_refused(
     read(path)
 
 
+POINTS = ["5,0.1216", "6,0.2882", "7,0.5819", "8,0.2217", "9,0.0554"]
+UNNAMED = {
+    "medians": ["7,0.2217"], "the mean at 0": ["0,0.2538"], "the largest at the mean": ["7,0.5819"],
+    "smallest and largest": ["5,0.0554", "9,0.5819"], "medians above": [],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
+@pytest.mark.parametrize("name", UNNAMED)
+def test_a_row_without_a_name_that_is_no_point_is_refused(
+    name: str, read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.csv"
+    above = [] if UNNAMED[name] else ["7,0.2217"]
+    rows = ["z_mm,deflection_mm", *above, *POINTS, *UNNAMED[name]]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    with raises(RecordingError, "totals", column="deflection_mm"):
+        read(path)
+
+
+def test_a_mean_below_the_points_of_each_depth_is_refused(tmp_path: Path) -> None:
+    down_mm, path = np.array([0.0008, 0.1216, 0.2882, 0.2217, 0.0554]), tmp_path / "mine.csv"
+    rows = [(z, d * doi, doi) for doi in (1, 2) for z, d in [*enumerate(down_mm, 5), (7, down_mm.mean())]]
+    text = "z_mm,deflection_mm,doi_mm\n" + "".join(f"{z},{d:.4f},{doi}\n" for z, d, doi in rows)
+    path.write_text(text, encoding="utf-8")
+    with raises(RecordingError, "totals", row=7, column="deflection_mm"):
+        read_deflections(path)
+
+
 @pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
 def test_points_before_the_proximal_edge_are_refused(read: Callable[[Path], object], tmp_path: Path) -> None:
     path = tmp_path / "from_the_middle.csv"

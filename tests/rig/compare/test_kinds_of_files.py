@@ -1,5 +1,6 @@
 """A file is read, or says what it is and how to save it."""
 
+import pickle
 import struct
 import subprocess
 import sys
@@ -235,6 +236,16 @@ KINDS = {
         "position=position_mm",), rates=ALL, read_as="Not read: info."),
     "mat, an object beside, ignored": Case("said", mat_object, ("position=position_mm",), rates=ALL,
                                            read_as="Not read: note."),
+    "mat, HDF5 without the words of MATLAB": Case(
+        "as other programs write version 7.3", lambda folder: str(Path(nwb()(folder)).rename(folder / "a.mat")),
+        code="no_csv", says=("HDF5", "-v7", "CSV"),
+    ),
+    "a pickle": Case("it may run any code", content(pickle.dumps([1.0]), "a.pkl"), code="no_csv",
+                     says=("a pickle", "save the spikes as NIX, NWB or CSV")),
+    "names of rows, as R writes them": Case(
+        "the column has no name", text('"","position_mm","rate"\n"1",-1,6\n"2",0,24\n"3",1,12\n'),
+        code="extra_column", says=("''", "row.names = FALSE"),
+    ),
     "mat, an object beside": Case("said", mat_object, code="extra_column", says=("'note'",)),
     "mat, one column": Case("MATLAB has no lines", mat(position_mm=POSITIONS), code="no_column",
                             says=("rate is missing", "read position_mm;")),

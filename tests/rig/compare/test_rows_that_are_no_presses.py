@@ -53,7 +53,63 @@ def _beside(of: Sequence[Callable[[Any], Any]], before: bool, *, repeats: bool =
     return [*totals, *rows] if before else [*rows, *totals]
 
 
+TUNING = dict(zip((-1.9, -1.35, -0.8, -0.42, -0.1, 0.22, 0.6, 1.15, 1.8, 2.05),
+                  (5.1, 6.4, 16.2, 34.2, 53.0, 64.5, 57.9, 27.0, 7.6, 5.9), strict=True))  # fmt: skip
+"""Rates at uneven positions."""
+
+
+def tuning(*last: str, repeats: Sequence[int] = (), off: float = 3.0, block: str = "") -> Callable[[Path], str]:
+    """Rates at uneven positions, each repeat higher by `off`, with rows below, or a row below each repeat."""
+    rows = []
+    for n in repeats or (0,):
+        rows += [f"{x},{y + off * n:g}" + f",{n}" * bool(repeats) for x, y in TUNING.items()]
+        rows += [block.format(n=n, mean=27.78 + off * n)] if block else []
+    return table("position_mm,rate" + ",repeat" * bool(repeats), *rows, *last)
+
+
+def counted(*last: str) -> Callable[[Path], str]:
+    return table("position_mm,count,window_s", *(f"{x},{y / 2:.0f},.5" for x, y in TUNING.items()), *last)
+
+
 ROWS = {
+    **{
+        f"an unnamed row: {what}": Case(
+            "no press", write, columns, code="totals", says=(f"row {row}", f"the {word} of", "delete it"))
+        for what, write, columns, row, word in (
+            ("medians", tuning("0.06,21.6"), (), 12, "median"),
+            ("the mean at 0", tuning("0,27.78"), (), 12, "mean"),
+            ("the rounded mean at 0", tuning("0,27.8"), (), 12, "mean"),
+            ("the total at 0", tuning("0.0,277.8"), (), 12, "sum"),
+            ("the total of counts at 0", counted("0,139,.5"), (), 12, "sum"),
+            ("the largest at the mean position", tuning("0.125,64.5"), (), 12, "maximum"),
+            ("the mean of one repeat", tuning("0.125,30.78,1", repeats=(1, 2)), (), 22, "mean"),
+            ("a mean below each repeat", tuning(repeats=(1, 2, 3), off=3.1, block="0.125,{mean:g},{n}"), (), 12,
+             "mean"),
+        )
+    },
+    "a table": Case(
+        "what was read is said, so that a wrong row is seen", tuning(), rates=list(TUNING.values()),
+        read_as="10 presses at 10 positions from -1.9 to 2.05 mm, 5.1 to 64.5 1/s, highest at 0.22 mm (row 7).",
+    ),
+    "a table of counts": Case(
+        "what was read is said", counted(), rates=[6, 6, 16, 34, 52, 64, 58, 28, 8, 6],
+        read_as="from -1.9 to 2.05 mm, 6 to 64 1/s (3 to 32 spikes), highest at 0.22 mm (row 7).",
+    ),
+    "repeats that rise by one step": Case(
+        "the second is the mean of the others, and said", tuning(repeats=(1, 2, 3)),
+        rates=[y + 6 for y in TUNING.values()],
+        read_as="The repeat 2 is counted as a press, but it has the mean of the other repeats at each of 10",
+    ),
+    "a last press at 0, as high as the mean": Case(
+        "in a random order one of the places is the last", table(
+            "position_mm,count,window_s", "-1,4,1", "1.5,5,1", "-.5,13,1", ".5,24,1", "-1.5,2,1", "1,6,1", "0,9,1"),
+        rates=[2, 4, 13, 9, 24, 6, 5], silent="is counted as a press",
+    ),
+    "a refined position, as high as the median": Case(
+        "counts are often equal, and it is said", table(
+            "position_mm,count,window_s", "-2,4,1", "-1,9,1", "0,24,1", "1,13,1", "2,5,1", "0.4,9,1"),
+        rates=[4, 9, 24, 9, 13, 5], read_as="Row 7 has the median of the rows above and is counted as a press",
+    ),
     **{
         f"a repeat {label} that is {what}": Case(
             "no press is what the others are together", three_repeats("1", "2", label, third=third),

@@ -75,6 +75,11 @@ def two_units(kind: str) -> Callable[[Path], str]:
     }[kind]  # fmt: skip
 
 
+def invalid(begin: Any, end: Any, spikes: Sequence[float] = TIMES) -> Callable[[Path], str]:
+    return of_amplifier(spikes, **PULSES, intervals__invalid_times__start_time=begin,
+                        intervals__invalid_times__stop_time=end)  # fmt: skip
+
+
 SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
 
 UNOBSERVED = {
@@ -120,6 +125,7 @@ UNOBSERVED = {
     "NWB, obs_intervals end": Case(
         "presses at 70 and 80 s are after the unit was lost at 65 s",
         of_amplifier(UNTIL_LOST, **PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
+        read_as="6 of 8 presses at 3 positions from -0.5 to 0.25 mm, 4 to 28 1/s (2 to 14 spikes), highest at 0 mm.",
     ),
     "NWB, obs_intervals with a gap": Case(
         "the press at 30 s is in the gap; that at 40 s has 14 spikes in half a second",
@@ -195,6 +201,59 @@ UNOBSERVED = {
         )
         for unit, factor in {"ms": 1e3, "us": 1e6, "samples": 3e4}.items()
     },
+    **{
+        f"NWB, invalid_times in {unit}, early in the recording": Case(
+            "as given they lie outside of it, and in this unit inside", invalid(
+                amplifier([55.0]) / factor, amplifier([65.0]) / factor, [*TIMES, 1000.0]),
+            code="beyond_a_finger", says=("intervals/invalid_times", f"--columns invalid=invalid_times:{unit}"),
+        )
+        for unit, factor in {"ms": 1e-3, "min": 60.0}.items()
+    },
+    "NWB, invalid_times outside of the run": Case(
+        "nothing is left out by them, and it is said", invalid(amplifier([100.0, 120.0]), amplifier([105.0, 126.0])),
+        rates=ALL, read_as="2 intervals of invalid_times (100 to 126 s of the run) leave out no press: they lie "
+        "outside the run (0 to 80.6 s)",
+    ),
+    "NWB, invalid_times before the recording, stated in s": Case(
+        "the user knows their unit", invalid(amplifier([55.0]) / 60, amplifier([65.0]) / 60),
+        ("invalid=invalid_times:s",), rates=ALL, read_as="1 interval of invalid_times (-11.4 to -11.2 s of the run) "
+        "leaves out no press: it lies outside the run",
+    ),
+    "NWB, one of two invalid_times between presses": Case(
+        "the other one leaves out the press at 60 s", invalid(amplifier([15.0, 55.0]), amplifier([16.0, 65.0])),
+        rates=ALL, lost=1, read_as="1 of 2 intervals of invalid_times (15 to 16 s of the run) leaves out no press",
+    ),
+    "NWB, a gap of obs_intervals between presses": Case(
+        "nothing is left out by it", of_amplifier(**PULSES, **observed((0, 15), (16, 100))), rates=ALL,
+        read_as="1 gap in the times at which the unit was observed (15 to 16 s of the run) leaves out no press",
+    ),
+    "NIX, an epoch of artifacts during presses": Case(
+        "it is not used, and when it was is said", nix(line_v=True, epoch=("artifact", "x")), ("sync=ttl",),
+        rates=ALL,
+        read_as="The file's artifact (1 interval, 45 to 65 s of the run, during 2 presses) is not used",
+    ),
+    "NIX, a unit with an annotation": Case(
+        "it may not count, and that is said, as in NWB", nix(line_v=True, quality="mua"), ("sync=ttl",), rates=ALL,
+        read_as="Annotations of the unit that are not read: quality = mua. If they say that it does not count",
+    ),
+    "NWB, obs_intervals without the spikes of half of the run": Case(
+        "either another unit of time, or spikes that are not the unit's", of_amplifier(
+            **PULSES, **observed((0, 15.0))), code="spikes_outside_observed",
+        says=("observed=obs_intervals:ms", "if the unit was lost", "delete the spikes"),
+    ),
+    **{
+        f"{kind}, a unit that is lost while another goes on": Case(
+            "silent, or lost: it is said", two_units(kind), rates=[*ALL[:3], 0], pulses=False,
+            read_as="No spikes of this unit after 60.1 s of the run, while others of the file continue: 2 presses",
+        )
+        for kind in ("NWB", "CSV", "NIX", "MAT")
+    },
+    "a recorder that paused within a hold": Case(
+        "spikes before and after it, and none for long", of_amplifier(
+            [*(t for t in TIMES if t < 80), *(80 + 0.01 * n for n in range(1, 12)), *(80.45, 80.46)], **PULSES),
+        rates=[6, 24, 12, 13], read_as="Between 80.11 and 80.45 s of the run, in a hold, no spike, "
+        "34 times as long as the next longest interval",
+    ),
     "NWB, invalid times of another name": Case(
         "they are used, and are no pulses", of_amplifier(
             **PULSES, intervals__bad__start_time=amplifier([55.0]), intervals__bad__stop_time=amplifier([65.0])),
