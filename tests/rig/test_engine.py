@@ -821,3 +821,32 @@ def test_a_trip_at_rest_that_does_not_lift_records_a_possible_contact() -> None:
     with raises(TripError, "hard_trip"):
         engine.reading()
     assert kept.contacts[-1].may_touch
+
+
+def test_without_a_zero_a_motion_down_trips_before_it_begins_where_the_sensor_does_not_answer() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.sensing.zero, bench.force.at_read = None, raising(ForceTimeout("the stub sensor does not answer"))
+    bench.stage.told.clear()
+    with raises(TripError, "no_reading"):
+        engine.go_to_height(1.98, 0.5)
+    assert engine.state is State.TRIPPED
+    assert all(told[2] >= bench.stage.at_mm[2] for told in bench.stage.told if isinstance(told, tuple))
+
+
+def test_the_force_of_a_hand_during_a_mount_neither_trips_nor_lifts() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    height_mm = bench.height_mm
+
+    def mount(indentor: str, meanwhile: Callable[[], None]) -> str:
+        bench.force.shows_gwt = 300.0
+        for _ in range(30):
+            meanwhile()
+            bench.clock.wait_s(0.1)
+        bench.force.shows_gwt = 0.0
+        return indentor
+
+    bench.mount = mount  # type: ignore[method-assign, assignment]
+    verbs.mount(engine, "bar:3.0")
+    assert (engine.state, bench.height_mm) == (State.READY, height_mm)

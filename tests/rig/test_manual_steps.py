@@ -13,6 +13,7 @@ import pytest
 
 from rig.devices.base import ForceReading, StageError, StageOverridden, StageReset, StageTimeout
 from rig.engine import verbs
+from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import State
 from rig.engine.motion import DOWN, UP
 from rig.engine.sensing import ForceZero, NoReadingError
@@ -432,6 +433,50 @@ def test_steps_add_up_along_their_axis_alone(axis: Any, by_mm: float) -> None:
         frame = bench.settings.frame
         machine_mm = [frame.pad_centre_x_mm + there[0], frame.pad_y_mm + there[1], frame.apex_z_mm + there[2]]
         assert bench.stage.at_mm == pytest.approx(machine_mm)
+
+
+@pytest.mark.parametrize(("shows_gwt", "touches"), [(10.0, False), (0.0, True), (10.2, True), (9.8, True)])
+def test_a_zero_counts_a_touch_from_the_last_recorded_zero(shows_gwt: float, touches: bool) -> None:
+    """That zero was taken at 10 gwt."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.sensing.zero, bench.force.shows_gwt = None, shows_gwt
+    with raises(LimitError, "maybe_touched") if touches else nullcontext():
+        Steps(engine).zero(LastKnown(zero_offset_n=10.0 * GWT_N), 2.0)
+
+
+@pytest.mark.parametrize("direction", [DOWN, Direction("x", 1)])
+def test_at_an_unknown_height_a_step_begins_with_a_possible_touch_on_record(direction: Direction) -> None:
+    """So that its heartbeat counts."""
+    bench = StubBench()
+    engine = bench.ready()
+    bench.stage.homed, engine.state = False, State.UNHOMED
+    assert not engine.contact.may_touch
+    jog, seen = bench.stage.jog, list[bool]()
+    bench.stage.jog = lambda *told: (seen.append(engine.contact.may_touch), jog(*told))  # type: ignore[method-assign, assignment]
+    Steps(engine).make(direction, 0.1, 2.0)
+    assert seen
+    assert all(seen)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_lift_at_an_unknown_height_that_a_person_slows_is_tried_again(times: int) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.stage.homed, engine.state = False, State.UNHOMED
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", 300.0 if bench.height_mm < 1.95 else 0.0)
+    jog, lifts = bench.stage.jog, list[float]()
+
+    def slowed(axis: str, mm: float, speed_mm_s: float) -> None:
+        lifts.extend([mm] if mm > 0.0 else [])
+        if mm > 0.0 and len(lifts) <= times:
+            raise StageOverridden("the speed was changed")
+        jog(axis, mm, speed_mm_s)
+
+    bench.stage.jog = slowed  # type: ignore[method-assign]
+    assert code_of_end(Steps(engine).make(DOWN, 0.2, 2.0)) == "soft_trip"
+    assert bench.height_mm >= 1.95
+    assert bench.stage.told.count("halt") >= times
 
 
 def test_a_step_up_ends_at_the_top_of_the_travel(at_hand: Callable[..., SessionBench]) -> None:
