@@ -93,7 +93,7 @@ def can_answer() -> bool:
     return _is_interactive() or _text_waits()
 
 
-class Owner(Protocol):
+class ConfirmingOwner(Protocol):
     """Owner of a run as a confirmation uses it: the participant's button, and the mark of a time of questions."""
 
     button: StopButton | None
@@ -101,7 +101,7 @@ class Owner(Protocol):
     def asking(self) -> AbstractContextManager[None]: ...
 
 
-def at_the_page(owner: Owner, before: str | None, *, yes: bool) -> Confirm:
+def at_the_page(owner: ConfirmingOwner, before: str | None, *, yes: bool) -> Confirm:
     """Return a function that prints the confirmation page and waits for the answer.
 
     `before` describes a run that needs caution. The result raises NotConfirmedError.
@@ -115,7 +115,7 @@ def at_the_page(owner: Owner, before: str | None, *, yes: bool) -> Confirm:
     return confirm
 
 
-def confirmed_with(owner: Owner, lines: Mapping[str, str], *, yes: bool) -> None:
+def confirmed_with(owner: ConfirmingOwner, lines: Mapping[str, str], *, yes: bool) -> None:
     """Print lines by topic, wait for the answer, then test the participant's stop button.
 
     Raises NotConfirmedError, BadInputError, StageError, TransportError.

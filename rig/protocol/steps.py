@@ -228,7 +228,7 @@ class PressRequest:
     ramp: bool = False
 
 
-class Pressing(Step[ExpectedPresses, A]):
+class StepWithPresses(Step[ExpectedPresses, A]):
     """Step of one or more equal presses."""
 
     @property
@@ -313,7 +313,7 @@ def _predicted(planned: PlannedIndentation) -> indentation.PredictedPress:
     return indentation.PredictedPress(round(planned.predicted_doi_mm, 6), round(planned.predicted_force_gwt, 6))
 
 
-class DataPress(Pressing[Indentation]):
+class DataPress(StepWithPresses[Indentation]):
     """One press past the skin, whose holds are data."""
 
     on_resume: ClassVar[ResumeRule] = ResumeRule.ANSWER
@@ -457,7 +457,7 @@ class Ramp(DataPress):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Precondition(Pressing[None]):
+class Precondition(StepWithPresses[None]):
     """Press several times at the present position, to settle the skin.
 
     The journal stores these presses apart from data.
@@ -503,7 +503,7 @@ class Precondition(Pressing[None]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reference(Pressing[None]):
+class Reference(StepWithPresses[None]):
     """Press at a fixed position to monitor the skin.
 
     An alarm is raised where the force differs from that of the first such press by more than

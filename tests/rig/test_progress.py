@@ -19,7 +19,7 @@ from rig.cli import main
 from rig.cli.progress import counted, progress
 from rig.cli.script_execution import time_left
 from rig.control.owned_stage import OwnedStage
-from rig.data.run_state import TimeLeft
+from rig.data.run_state import Course, TimeLeft
 from rig.data.run_status import RunStatus, reason_of
 from rig.engine import TripError
 from rig.plan.config import Config
@@ -225,7 +225,7 @@ BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5, "increments": 1}
 def test_the_time_left_of_a_run_follows_its_rehearsal_at_the_same_pace(pace: float | None, left_s: float) -> None:
     """As fast as it can: at first as long as the rehearsal took, then by what the run has taken."""
     now = [0.0]
-    page = Page(None, Rehearsed(300.0, 0.0, {("home", 1, 0): 100.0}), 3.0)  # type: ignore[arg-type]
+    page = Page(None, Rehearsed(Course(300.0, {("home", 1, 0): 100.0}, {}), 0.0, 1), 3.0)  # type: ignore[arg-type]
     left = time_left(page, pace, lambda: now[0])
     assert left is not None
     assert left.left_s == pytest.approx(left_s)
@@ -237,7 +237,7 @@ def test_the_time_left_of_a_run_follows_its_rehearsal_at_the_same_pace(pace: flo
 def test_a_failed_rehearsal_gives_no_time_left() -> None:
     failed = Page(None, TripError("no"), 3.0)  # type: ignore[arg-type]
     assert time_left(failed, 1.0) is None
-    empty = time_left(Page(None, Rehearsed(0.0, 0.0, {}), 3.0), None, lambda: 0.0)  # type: ignore[arg-type]
+    empty = time_left(Page(None, Rehearsed(Course(0.0, {}, {}), 0.0, 0), 3.0), None, lambda: 0.0)  # type: ignore[arg-type]
     assert empty is not None
     assert empty.left_s == 0.0
 

@@ -52,7 +52,7 @@ def carried_out(
     [
         ("rig.indent(doi_mm=0.2, speed_mm_s=1000)", "speed_mm_s = 1000: expected 0.017 … 5 mm/s"),
         ("rig.indent(doi_mm=1.9)", "beyond limits.max_doi_mm = 1.5"),
-        ("rig.move_to(x_mm=50)", "x_mm = 50 is outside limits.x_mm"),
+        ("rig.move_to(x_mm=50)", "x_mm = 50 mm is outside limits.x_mm"),
         ("sys.exit(0)", "SystemExit: 0"),
     ],
 )

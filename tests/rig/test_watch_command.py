@@ -24,7 +24,6 @@ from rig.clock import WallClock
 from rig.data.folder import RunFolder, UnwritableError
 from rig.data.run import Following, RunError, followed, read_run
 from rig.data.run_state import Agenda, Course, Timeline, written_ns
-from rig.session.rehearse import Rehearsed
 from tests.journals import append
 from tests.program import Program
 
@@ -431,7 +430,6 @@ def test_a_run_begins_without_a_predicted_timeline_and_on_a_full_disk(
     assert (begun, list(tmp_path.iterdir())) == ([1, 1], [])
     attendant(course).begins(folder)
     assert Course.load(folder) == course
-    assert Rehearsed(course.duration_s, 0.0, course.instants_s, course.words).course == course
 
 
 def test_the_live_screen_is_hidden_during_a_question(monkeypatch: pytest.MonkeyPatch) -> None:
