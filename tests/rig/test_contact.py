@@ -48,6 +48,30 @@ def test_a_finger_counts_as_lifted_only_at_clearance_with_a_force_below_touch(
 
 
 @pytest.mark.parametrize(
+    ("kind", "age_s", "trusted", "then"),
+    [
+        ("lifted", 0.9, True, "lifted"),
+        ("lifted", 1.1, True, "raised"),
+        ("lifted", -0.1, True, "raised"),  # the clock jumped back
+        ("lifted", 0.9, False, "unknown"),
+        ("raised", 1.1, True, "raised"),
+        ("raised", 0.9, False, "unknown"),
+        ("disagreement", 1.1, True, "disagreement"),
+        ("disagreement", 0.9, False, "touching"),
+        ("touching", 1.1, True, "touching"),
+        ("touching", 1.1, False, "touching"),
+        ("unknown", 1.1, True, "unknown"),
+    ],
+)
+def test_a_measurement_of_contact_is_lifted_for_a_second_where_the_position_is_trusted(
+    kind: ContactKind, age_s: float, trusted: bool, then: ContactKind
+) -> None:
+    found = KnownContact(kind, FORCES[kind]).after(age_s, trusted=trusted)
+    assert found.kind == then
+    assert found.aged is (age_s != 0.9 and FORCES[kind] is not None)
+
+
+@pytest.mark.parametrize(
     ("may_touch", "kind", "gwt", "after_s", "then", "renewed"),
     [
         (False, "lifted", 0.02, 0.9, "lifted", True),

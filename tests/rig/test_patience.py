@@ -24,6 +24,7 @@ from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code, raises
+from tests.waiting import until
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 
@@ -167,6 +168,18 @@ def test_planning_restores_an_earlier_timer_with_its_remaining_time(
     assert signal.getsignal(signal.SIGALRM) is theirs
     assert left_s - 20.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= left_s + 1e-3 * bool(left_s)
     assert not somebodys
+
+
+def test_an_earlier_timer_that_was_due_during_planning_strikes_after_it(
+    somebodys: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = iter([1000.0, 1040.0])
+    signal.setitimer(signal.ITIMER_REAL, 30.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(patience.time, "monotonic", lambda: next(now_s))
+        with patience.impatient():
+            pass
+    until(lambda: somebodys == [signal.SIGALRM])
 
 
 def test_planning_outside_the_main_thread_sets_no_timer() -> None:

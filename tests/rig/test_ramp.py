@@ -99,6 +99,21 @@ def test_a_ramp_is_one_move_at_its_speed_with_readings_on_the_way(spring: Make) 
         assert force_gwt == pytest.approx(6.0 * max(doi_mm, 0.0) ** 1.5, abs=0.3)
 
 
+def test_a_ramp_into_a_soft_finger_has_its_own_peak_and_is_bounded_by_a_touch_at_least(spring: Make) -> None:
+    """0.42 gwt at 0.8 mm; at 0.1 mm that is less than a touch."""
+    bench = spring(soft_trip_n=0.1, k_gwt=0.6)
+    engine = bench.ready()
+    first = ramp(engine, **SLOW, hold_s=0.0)
+    ramp(engine, doi_mm=0.1, speed_mm_s=0.3, hold_s=0.0)
+    held = bench.of("hold_end")
+    for n, found in enumerate(held):
+        forces = [sample["force_gwt"] for sample in _samples(bench, "ramp") if sample["index"] == found["index"]]
+        assert found["peak_gwt"] == max(forces), n
+        assert found["peak_gwt"] < 1.0
+    assert first is not None
+    assert bench.of("ramp")[-1]["measured_gwt"] == engine.sensing.touch_gwt
+
+
 def _nothing(bench: Any) -> None:
     """Between two ramps."""
 

@@ -397,3 +397,15 @@ def test_the_first_reference_press_is_the_first_complete_one() -> None:
     forces = {(0, 1): 9.0, (2, 2): 2.0, (2, 1): 1.0, (3, 1): 3.0, (3, 2): 4.0}
     assert first_reference_gwt(_run([3, 2], forces)) == [1.0, 2.0]
     assert first_reference_gwt(_run([], forces)) is None
+
+
+def test_parameters_of_any_type_are_on_record(tmp_path: Path) -> None:
+    path = tmp_path / "dated.py"
+    path.write_text(
+        "import datetime\nfrom rig.protocol import ProtocolParameters\n"
+        "class Parameters(ProtocolParameters):\n    day: datetime.date = datetime.date(2026, 3, 1)\n"
+        "def run(rig):\n    rig.home()\n",
+        encoding="utf-8",
+    )
+    made = provenance(load_script(str(path)), Config(), None, datetime(2026, 3, 1, tzinfo=UTC), virtual=True)
+    assert json.loads(json.dumps(made))["parameters"] == {"day": "2026-03-01"}
