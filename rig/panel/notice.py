@@ -84,8 +84,10 @@ def standing_notice(run: LastRun | None, known: LastKnown) -> Notice | None:
         found, ended_s, moved = run.attention(going=False, stopped=False), run.written_s, run.moved
     if moved and known.lifted_unix_s > ended_s + _AFTER_S:
         found = None
-    if contact is None or aged is None or contact.kind in ("lifted", "raised"):
+    if contact is None or aged is None:
         return found
+    if contact.kind in ("lifted", "raised"):
+        return found and found | {"where_text": aged.words}
     if found is None:
         return notice(IN_CONTACT, _NO_LIFT, aged.words, aged.to_do or HOME_FIRST)
     if moved and contact.unix_s <= ended_s + _AFTER_S:

@@ -157,15 +157,20 @@ class ModbusMaster:
 
     def _resume(self, request: ReadHoldingRegistersRequest) -> None:
         """Wait until the device has replied to all earlier requests."""
-        late = {*self._late(request.dev_id), request.count}
-        count = next(count for count in range(1, LONGEST_READ) if count not in late)
+        late = self._late(request.dev_id)
+        count = next(count for count in range(1, LONGEST_READ) if count not in {*late, request.count})
+        other = ReadHoldingRegistersRequest(dev_id=request.dev_id, address=request.address, count=count)
         try:
-            self._read_once(ReadHoldingRegistersRequest(dev_id=request.dev_id, address=request.address, count=count))
+            try:
+                self._read_once(other)
+            except ModbusGarbled:
+                self._read_once(other)
         except ModbusBusy:
             raise
-        except ModbusRefused:
-            pass  # It has no so many registers there.
-        self._late_until_s.pop(request.dev_id, None)
+        except ModbusRefused:  # It has no so many registers there, or had none for an earlier read of this kind.
+            self._clock.wait_s(ASK_AGAIN_S)
+        for answered in {*late, count}:
+            self._late_until_s[request.dev_id].pop(answered, None)
 
     def write_one(self, device_id: int, address: int, value: int) -> None:
         """Write one register (function 06). Raises ModbusError, TransportError."""
@@ -305,7 +310,7 @@ class ModbusMaster:
     def _late(self, device_id: int) -> set[int]:
         """Return the numbers of registers of the requests that a device may still reply to."""
         now_s = self._clock.monotonic_s()
-        return {count for count, until_s in self._late_until_s[device_id].items() if now_s < until_s}
+        return {count for count, until_s in self._late_until_s[device_id].copy().items() if now_s < until_s}
 
     def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
         """Return the rest of the data, and its reply if it is complete."""

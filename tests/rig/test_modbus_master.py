@@ -136,6 +136,12 @@ def test_each_read_after_a_failure_has_a_length_that_no_unanswered_read_had(mast
     ]
 
 
+def test_a_garbled_reply_between_two_reads_costs_no_try(master: Any, rtu: Rtu) -> None:
+    good, bad = rtu(ANSWER_2), RESUME[1][:3] + b"\xff" + RESUME[1][4:]
+    script = [(READ_2, b""), (RESUME[0], bad), RESUME, (READ_2, good)]
+    assert master(script, read_tries=2).read(1, 7, 2) == [1, 0x86A0]
+
+
 def test_a_device_without_so_many_registers_has_replied(master: Any, rtu: Rtu) -> None:
     assert master([(READ_2, b""), (RESUME[0], rtu("01 83 02")), (READ_2, rtu(ANSWER_2))]).read(1, 7, 2) == [1, 0x86A0]
 

@@ -211,3 +211,11 @@ def test_a_rig_on_which_nothing_happened_asks_for_no_attention(make: Make) -> No
     memory = BenchMemory(Config())
     memory.touched(KnownContact("raised", None, 0.0, 3.0, ENDED_S))
     assert restarted(make) is None
+
+
+def test_a_notice_long_after_the_run_never_calls_the_indentor_lifted(make: Make, memory: BenchMemory) -> None:
+    memory.touched(KnownContact("lifted", 0.0, 0.5, 2.0, ENDED_S))
+    run_in(make().watcher.out, *RUNS["trip that lifted"].ends)
+    found = restarted(make)
+    assert found["status"] == "tripped"
+    assert "lifted" not in found["where_text"]
