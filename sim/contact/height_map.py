@@ -25,6 +25,7 @@ RAISED = ("high", "low")
 
 _UNEVEN = 1e-3  # of the spacing
 _UNDERSHOOT = 0.05  # of the relief: how far the spline may lie below the lowest height
+_ROUNDING_MM = 1e-9
 _PARTS = 4  # of a cell, at which the lowest point and the curvature are searched
 _LEAST_STEP_MM = 1e-6
 _FARTHEST_MM = 1000.0
@@ -355,7 +356,7 @@ class HeightMap(Indentor):
                 "with edge_mm",
                 "too_steep",
             )
-        if below > _UNDERSHOOT * relief:
+        if below > max(_UNDERSHOOT * relief, _ROUNDING_MM):
             raise HeightMapError(
                 f"{self.name}: between its points the surface would reach {below:.2g} mm below the lowest point, "
                 f"of {relief:.2g} mm in all; use a finer map, or round the edges with edge_mm",

@@ -270,7 +270,7 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
 
 
 def _of_numbers(where: str, rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:
-    if np.isfinite(rows).all():
+    if (np.abs(rows) < 1e9).all():  # Others are refused as heights.
         _refuse_axes_and_summaries(where, rows, spacing_mm)
     return _centered(rows, spacing_mm)
 

@@ -471,3 +471,9 @@ def test_files_that_make_no_height_map_are_refused(tmp_path: Path, name: str) ->
     with raises(ShapeError, REFUSED[name], name=f"heightmap {tmp_path / name.partition(',')[0]}") as caught:
         parse_shape(f"heightmap:{tmp_path / name}")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("height_mm", [0.1, 0.2, 0.3])
+def test_a_flat_map_of_any_height_is_read(height_mm: float, tmp_path: Path) -> None:
+    np.save(tmp_path / "flat.npy", np.full((21, 21), height_mm))
+    parse_shape(f"heightmap:{tmp_path / 'flat.npy'},spacing_mm=0.15,raised=high")

@@ -1,6 +1,7 @@
 """Read the recordings that a command names: tables of rates or counts, and spike times."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -159,11 +160,13 @@ def _same_rates(found: Recording, other: Recording, *, scaled: bool) -> str:
         there = {round(float(x), _DECIMALS): rates for x, rates in zip(other.position_mm, other.repeats, strict=True)}
         pairs = [(rates, there[at]) for x, rates in zip(found.position_mm, found.repeats, strict=True)
                  if (at := round(float(x) + shift_mm, _DECIMALS)) in there]  # fmt: skip
-        if not pairs or any(len(here) != len(rates) for here, rates in pairs):
+        if not pairs:
             continue
-        here, rates = (np.concatenate([np.sort(pair[k]) for pair in pairs]) for k in (0, 1))
-        different = len(set(here.tolist()) - {0.0})
         every = len(pairs) == len(found.repeats) == len(other.repeats)
+        every = every and all(len(here) == len(rates) for here, rates in pairs)
+        pairs = [_common_repeats(*pair) for pair in pairs]
+        here, rates = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
+        different = len(set(here.tolist()) - {0.0})
         for factor in (1.0, float(rates.sum() / here.sum()) if scaled and here.sum() > 0 else 1.0):
             is_plain = factor == 1.0 and shift_mm == 0
             fewest = _FEWEST_RATES if is_plain and every else _FEWEST_SHORTER if is_plain else _FEWEST_SCALED
@@ -180,6 +183,17 @@ def _same_rates(found: Recording, other: Recording, *, scaled: bool) -> str:
                 up_to = f", up to {changed}" if changed else ""
                 return f"the same rates at {len(pairs)} positions, {different} different ones{up_to}"
     return ""
+
+
+def _common_repeats(here: Array, there: Array) -> tuple[Array, Array]:
+    """Return the rates of two recordings at a position, in order; of the longer one those that the other has."""
+    few, many = np.sort(here), np.sort(there)
+    if len(few) == len(many):
+        return few, many
+    shorter, longer = sorted((few, many), key=len)
+    if not Counter(shorter.tolist()) - Counter(longer.tolist()):
+        return shorter, shorter
+    return few[: len(shorter)], many[: len(shorter)]
 
 
 _FEWEST_SPIKES, _SAME_SPIKE_S, _MOST_OF_SPIKES = 10, 5e-4, 0.9

@@ -248,7 +248,21 @@ def tuned(
     return as_text("position_mm,rate\n" + "".join(f"{x},{rate:.4f}\n" for x, rate in rows))
 
 
+def repeated(*without: int, repeats: int = 3, other: int = 0) -> Callable[[Path], None]:
+    """Rates of some presses at each place, without some rows; `other` is added to every third one."""
+    rows = [
+        (x, round(rate) + (-4, 1, 4 + other)[n], n + 1)
+        for x, rate in TUNED.items() for n in range(repeats)
+    ]  # fmt: skip
+    kept = [f"{x},{rate},{n}" for k, (x, rate, n) in enumerate(rows) if k not in without]
+    return as_text("\n".join(["position_mm,rate,repeat", *kept]) + "\n")
+
+
 COPIES = {
+    "a table without a repeat in the middle": (repeated(), "one.csv", "other.csv", repeated(13), True),
+    "a table without its last repeat": (repeated(), "one.csv", "other.csv", repeated(26), True),
+    "a table with two repeats of three": (repeated(), "one.csv", "other.csv", repeated(repeats=2), True),
+    "a table without a repeat and with others": (repeated(), "one.csv", "other.csv", repeated(13, other=1), False),
     "a table with a row fewer": (tuned(), "one.csv", "other.csv", tuned(8), True),
     "a normalized table": (tuned(), "one.csv", "other.csv", tuned(factor=1 / 54), True),
     "a table with another center of the field": (tuned(), "one.csv", "other.csv", tuned(shift_mm=0.5), True),
