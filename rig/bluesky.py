@@ -373,12 +373,15 @@ class BlueskyBench:
             if problem is None:
                 self._status, self._what = status, order["what"]
         if problem is None:
-            problem = self._refusal(order)
-            if problem is not None:
-                with self._guard:
-                    self._status, self._what = None, ""
-        if problem is not None:
-            status.end(problem)
+            refused = self._refusal(order)
+            if refused is not None and refused.code in GONE:
+                self._follower.join(REPORT_S)  # The result of the run says why it has ended.
+            with self._guard:
+                if refused is None or self._status is not status:
+                    return status
+                self._status, self._what = None, ""
+            problem = refused
+        status.end(problem)
         return status
 
     def _refusal(self, order: Mapping[str, Any]) -> PressFailedError | None:

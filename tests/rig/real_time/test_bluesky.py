@@ -373,6 +373,20 @@ def _no_answer(one: Announced, *request: Any, **more: Any) -> None:
     raise ControlError(f"process {one.pid} has ended", "ended")
 
 
+def test_an_order_whose_reply_a_stop_overtakes_says_why_the_run_has_ended(
+    engine: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with BlueskyBench(**HELD, out=tmp_path / "runs") as bench:
+
+        def overtaken(one: Announced, *request: Any, **more: Any) -> None:
+            _stopped_elsewhere(bench, engine)
+            _no_answer(one)
+
+        monkeypatch.setattr(Announced, "ask", overtaken)
+        ended = bench.press.set({"force_gwt": 2.33, "hold_s": 60.0}).exception(0.0)
+    assert getattr(ended, "code", None) == "stopped_at_once"
+
+
 GIVES_ORDERS = f"""\
 import signal, subprocess, sys
 import rig.bluesky
@@ -386,7 +400,7 @@ with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[
 """
 
 
-@pytest.mark.parametrize(("code", "stops"), [("no_reply", 1), ("not_confirmed", 0), ("ended", 0)])
+@pytest.mark.parametrize(("code", "stops"), [("no_reply", 1), ("not_confirmed", 0)])
 def test_an_order_without_a_reply_is_stopped_since_it_may_have_begun(code: str, stops: int) -> None:
     """And none that was refused. Its status has ended, so that no stop of an order would reach it any more."""
     said: list[str] = []
