@@ -206,7 +206,7 @@ COMPARED: dict[str, tuple[dict[str, list[dict[str, Any]]], Step[Any, Any], Press
 
 
 @pytest.mark.parametrize("what", COMPARED)
-def test_a_step_that_is_not_that_of_the_journal_is_refused_for_good(what: str) -> None:
+def test_a_step_other_than_that_in_the_journal_is_refused_for_good(what: str) -> None:
     streams, step, place, other = COMPARED[what]
     same = SameSteps(Told(streams=streams))
     if not other:
@@ -248,7 +248,7 @@ PLANNED: list[dict[str, Any]] = [
         ([*PLANNED[:2], PLANNED[2] | {"presses": 2}], True, []),
     ],
 )
-def test_a_step_that_is_not_that_of_the_plan_is_refused_for_good_and_another_note_or_rest_is_listed(
+def test_a_step_other_than_that_in_the_plan_is_refused_and_another_note_or_rest_is_listed(
     now: list[dict[str, Any]], refused: bool, differences: list[str]
 ) -> None:
     same = SamePlan(PLANNED)

@@ -168,7 +168,7 @@ class CellStyle(NamedTuple):
     ink: Color = BLACK
     background: Color = WHITE
     parts: NumberFormatParts | None = None
-    """Of a number format of the workbook's own."""
+    """Parts of its number format, if the workbook defines that itself."""
 
     def hides(self, number: float | None) -> bool:
         """Return whether a cell with content, a number or a text (None), shows none."""

@@ -89,7 +89,7 @@ class Dimension(NamedTuple):
     likely: str = ""
     """Unit of numbers that are too large, most likely."""
     needed: bool = False
-    """Whether numbers without a unit could be in several."""
+    """Whether the unit must be stated, because several are common."""
 
     def known(self, unit: str) -> float | None:
         """Return the factor of a unit, None if it is unknown."""
@@ -118,14 +118,14 @@ class ColumnKind(NamedTuple):
     name: str
     """The program's own."""
     role: str = ""
-    """Of --columns; "" for a column that is read by its name alone."""
+    """Name in --columns; "" for a column that --columns cannot name."""
     units: Dimension = NONE
     words: tuple[str, ...] = ()
     """Names in the tables of others, without units."""
     one_for_all: bool = False
-    """Whether a file may have one value for all rows."""
+    """Whether one value may stand for all rows."""
     is_label: bool = False
-    """Whether its cells are names that are compared with one another."""
+    """Whether its cells are labels, such as the repeat of a press."""
 
 
 COLUMNS = {

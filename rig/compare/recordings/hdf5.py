@@ -33,7 +33,7 @@ class Hdf5File(NamedTuple):
     file: h5py.File
 
     def numbers(self, place: str, *, columns: int = 1) -> h5py.Dataset | None:
-        """Return a list of numbers or of rows of them, also as text; None if there is none.
+        """Return the numbers of a dataset, or its rows of numbers, also from text; None without one.
 
         A list may be stored as a column (n, 1), as MATLAB does.
         """
@@ -98,7 +98,7 @@ class Hdf5File(NamedTuple):
             raise
 
     def texts(self, place: str) -> list[str] | None:
-        """Return a list of texts, or None if there is none."""
+        """Return the texts of a dataset, or None without one."""
         found = self._dataset(place)
         if found is None or h5py.check_string_dtype(found.dtype) is None or len(found.shape) != 1:
             return None
@@ -107,7 +107,7 @@ class Hdf5File(NamedTuple):
         return [same_name(_text(one)) for one in found[:]]
 
     def text(self, place: str) -> str:
-        """Return a single text, "" if there is none."""
+        """Return a single text, "" without one."""
         found = self._dataset(place)
         if found is None or found.shape != () or h5py.check_string_dtype(found.dtype) is None:
             return ""
@@ -119,12 +119,12 @@ class Hdf5File(NamedTuple):
         return [same_name(name) for name in islice(found, _MOST_MEMBERS)] if isinstance(found, h5py.Group) else []
 
     def dataset(self, place: str) -> h5py.Dataset | None:
-        """Return a dataset of any kind, or None if there is none in this file."""
+        """Return a dataset of any kind, or None if this file has none."""
         found = self._at(place, outside=False)
         return found if isinstance(found, h5py.Dataset) and not (found.is_virtual or found.external) else None
 
     def rows(self, place: str) -> int | None:
-        """Return the number of rows of a dataset, or None if there is none in this file."""
+        """Return the number of rows of a dataset, or None if this file has none."""
         found = self.dataset(place)
         return int(found.shape[0]) if found is not None and found.shape else None
 

@@ -216,7 +216,7 @@ class _Units(NamedTuple):
         return self.file.times(self.all_times, *self.bounds(self.ends, self.column, row, len(self.all_times)), name)
 
     def bounds(self, ends: h5py.Dataset, column: str, row: int, values: int) -> tuple[int, int]:
-        """Return where the values of a unit begin and end in a column of so many."""
+        """Return the first and the end index of a unit's values in a column of this length."""
         at = [0, *self.file.times(ends).tolist()]
         if ends.dtype.kind not in "iu" or (np.diff(at) < 0).any() or at[-1] != values:
             raise self.file.refused(

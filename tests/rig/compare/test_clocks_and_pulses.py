@@ -335,7 +335,7 @@ CASES = PRESENT | CLOCKED | LEVELS | NO_PULSES_THERE
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_pulses_that_are_there_tell_the_clock_or_are_refused(name: str, tmp_path: Path) -> None:
+def test_sync_pulses_in_a_file_set_the_clock_or_are_refused(name: str, tmp_path: Path) -> None:
     check(CASES[name], tmp_path)
 
 

@@ -82,7 +82,7 @@ UNNAMED = {
 
 @pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
 @pytest.mark.parametrize("name", UNNAMED)
-def test_a_row_without_a_name_that_is_no_point_is_refused(
+def test_an_unnamed_row_of_totals_among_points_is_refused(
     name: str, read: Callable[[Path], object], tmp_path: Path
 ) -> None:
     path = tmp_path / "mine.csv"
