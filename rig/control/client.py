@@ -24,6 +24,9 @@ from rig_shared.user_files import read_bytes
 
 ASK_S = 1.0
 
+BESIDE_S = 0.025
+"""Time after which a silent owner is abandoned, and the bytes of a stop are sent beside it (s)."""
+
 
 class ControlError(RigError):
     """Error of a missing reply: the process has ended, hangs, or is another one."""
@@ -60,7 +63,7 @@ class Announced(Announcement, frozen=True):
     def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
         """Return the reply to one request. Raises RefusedError, or ControlError without a reply."""
         if do == "stop" and not more:
-            return self.post_stop()(within_s)
+            return self.post_stop(within_s=within_s)(within_s)
         with self._failing(do, within_s), connected(self.address, within_s) as connection:
             owner = LimitedConnection(connection, within_s)
             owner.greet(bytes.fromhex(self.key))
@@ -68,17 +71,18 @@ class Announced(Announcement, frozen=True):
             return self._answered(do, owner.receive())
 
     def post_stop(
-        self, lives: Callable[[], object] = lambda: None, *, by: str = ""
+        self, lives: Callable[[], object] = lambda: None, *, by: str = "", within_s: float = BESIDE_S
     ) -> Callable[[float], dict[str, Any]]:
-        """Send a stop without waiting for anything. Raises ControlError if it is not sent.
+        """Send a stop without waiting for a reply. Raises ControlError if it is not sent.
 
-        The returned function waits for the reply, up to the given seconds, and calls `lives` at the first sign of
-        the owner; an owner without one may hang.
+        It waits so long only where more clients than the system keeps are before it. The returned function waits for
+        the reply, up to the given seconds, and calls `lives` at the first sign of the owner; an owner without one may
+        hang.
         """
         key = bytes.fromhex(self.key)
         stop, message = stop_message(key, by)  # First: the owner wakes when this connects.
-        with self._failing("stop", 0.0):
-            connection = connected(self.address, 0.0)
+        with self._failing("stop", within_s):
+            connection = connected(self.address, within_s)
             connection.send_bytes(message)
 
         def answer(within_s: float) -> dict[str, Any]:

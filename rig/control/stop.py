@@ -9,15 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rig.clock import Clock, WallClock
-from rig.control.client import Announced, ControlError, announced
+from rig.control.client import BESIDE_S, Announced, ControlError, announced
 from rig.devices.base import StageError
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import stage_ports
 from rig.settings import BenchSettings, StageSettings
 from rig.transport import PortOwner, Transport, TransportError, first_owner, open_port, port_owner
-
-BESIDE_S = 0.025
-"""Time after which a silent owner is abandoned, and the bytes are sent beside it (s)."""
 
 CONFIRMS_S = 1.5
 """Time for a responsive owner to confirm that the stage is at rest (s): a drive repeats its stop for a second."""

@@ -8,8 +8,8 @@ from contextlib import AbstractContextManager, suppress
 from functools import partial
 from typing import Any
 
-from rig.control.client import ControlError, RefusedError
-from rig.control.stop import BESIDE_S, SentStop, send_stop
+from rig.control.client import BESIDE_S, ControlError, RefusedError
+from rig.control.stop import SentStop, send_stop
 from rig.devices.registry import stage_ports
 from rig.panel.owners import NoOwnerError, Owner, shown
 from rig.panel.watcher import Watcher

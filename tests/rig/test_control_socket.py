@@ -18,9 +18,10 @@ import filelock
 import pytest
 
 import rig.control.client as announcements
+import rig.control.connection as control_connection
 import rig.control.owner_socket as control_socket
 from rig.control.client import Announced, Announcement, ControlError, RefusedError, announced, runtime_folder
-from rig.control.connection import MOST_BYTES, LimitedConnection, connected, proven, stop_message
+from rig.control.connection import MOST_BYTES, LimitedConnection, PrivateListener, connected, proven, stop_message
 from rig.control.owner_socket import ControlSocket
 from rig.errors import RigError
 from tests.error_codes import raises
@@ -142,6 +143,25 @@ def test_a_stop_is_answered_while_another_request_takes_its_time() -> None:
         over.set()
         asking.join(DEADLINE_S)
     assert slow == [{"ok": True, "homed": True}]
+
+
+def test_a_stop_waits_for_its_place_behind_many_clients(monkeypatch: pytest.MonkeyPatch) -> None:
+    free, accept = threading.Event(), PrivateListener.accept
+
+    def late(listener: PrivateListener, patience_s: float) -> Any:
+        assert free.wait(DEADLINE_S)
+        return accept(listener, patience_s)
+
+    monkeypatch.setattr(PrivateListener, "accept", late)
+    monkeypatch.setattr(control_connection, "_BACKLOG", 0)  # a place for one
+    replies: list[object] = []
+    with _owner(stop=lambda _: {"stopped": True}), closing(_raw(_only())):
+        asking = threading.Thread(target=lambda: replies.append(_only().ask("stop", within_s=DEADLINE_S)))
+        asking.start()
+        asking.join(0.1)
+        free.set()
+        asking.join(DEADLINE_S)
+    assert replies == [{"ok": True, "stopped": True}]
 
 
 def test_a_stop_whose_sender_has_gone_is_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -427,7 +447,7 @@ def test_an_owner_that_hangs_delays_nobody_and_carries_out_later_what_it_receive
         with raises(ControlError, "no_reply", pid=one.pid, within_s=0.01):
             one.ask("status", within_s=0.01)
     with raises(ControlError, "no_reply", pid=one.pid, within_s=0.0):
-        one.post_stop()
+        one.post_stop(within_s=0.0)
     elsewhere.send_signal(signal.SIGCONT)
     with raises(RefusedError, "cannot_be_asked", do="stop"):
         listens(DEADLINE_S)

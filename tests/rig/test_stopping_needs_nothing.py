@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from rig.control.client import ControlError
+from rig.control.client import BESIDE_S, ControlError
 from rig.control.stage_alone import NoStageError, stage_alone
-from rig.control.stop import BESIDE_S, OutsideStop, SentStop
+from rig.control.stop import OutsideStop, SentStop
 from rig.transport import PortOwner, open_port
 from tests.error_codes import raises
 from tests.preloaded import Popen
