@@ -390,7 +390,8 @@ class FingerMachine(RuleBasedStateMachine):
         begun: number of the first sample. before_s: contact time before.
         """
         bench, engine = self.bench, self.bench.engine
-        if self._paused or self._blind or self._cut or bench.force.fails or not engine.sensing.absolute:
+        gone = self._killed or self._cut
+        if gone or self._paused or self._blind or bench.force.fails or not engine.sensing.absolute:
             return
         late_s = FACT_S + bench.read_s
         for spell in bench.witness.spells(TRIP_GWT + bench.least_gwt, begun):
