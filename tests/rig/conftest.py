@@ -9,14 +9,17 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rig.bench.served import ServedBench
+from rig.data import Run
 from rig.data.events import STREAMS
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Pause, verbs
 from rig.engine.bench import Meanwhile
 from rig.plan.config import Config
+from rig.plan.nerve import MeasureTable, Visits
 from rig.settings import RigSettings
 from rig.transport import LoopbackTransport
 from rig.transport.wire import LoggedTransport
@@ -24,7 +27,9 @@ from rig.units import GWT_N
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from sim.finger_process import FingerProcess
+from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from sim.nerve.population import AfferentPopulation
 from tests.confirmed_moves import Confirmed, confirmed_moves
 from tests.program import Program, program_of
 from tests.waiting import DEADLINE_S
@@ -46,6 +51,25 @@ def _finger_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(FingerProcess, "_begin", lambda process: None)
     monkeypatch.setattr(FingerProcess, "ask", ask)
+
+
+@pytest.fixture
+def cheap_measures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Presses whose strain energy density is that under a bar, roughly, at no cost."""
+
+    def tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
+        depths = np.linspace(0.05, 0.6, 12)
+        x_mm = np.array([one.x_mm + organ[0] for one in afferents for organ in one.organs_mm])
+        near = {place: np.exp(-0.1 * (x_mm - place[1]) ** 2)
+                for place in {visit.place for visit in found.visits}}  # fmt: skip
+        return {
+            place: MeasureTable(depths, np.array([
+                afferents.measure(dict.fromkeys(MEASURES, 120 * depth ** 2 * share)) for depth in depths
+            ]))
+            for place, share in near.items()
+        }  # fmt: skip
+
+    monkeypatch.setattr("rig.plan.nerve.tables_of", tables)
 
 
 class ScriptedTransport:

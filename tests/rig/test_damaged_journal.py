@@ -26,7 +26,7 @@ from sim.models.fingertip import Fingertip
 from tests.program import Program
 from tests.waiting import until
 
-pytestmark = pytest.mark.usefixtures("empty_figures")
+pytestmark = pytest.mark.usefixtures("empty_figures", "cheap_measures")
 
 SCRIPT = """\
 def run(rig):
@@ -170,7 +170,7 @@ def test_every_command_that_reads_a_run_names_its_damaged_line(
 
 
 PRINT_THE_STATE = ("show", "watch")  # of any run
-READERS = (*PRINT_THE_STATE, "export --csv", "export --report", "nerve", "find", "compare")
+READERS = (*PRINT_THE_STATE, "export --csv", "export --report", "nerve --afferents SA1@0", "find", "compare")
 
 
 @pytest.mark.parametrize("command", READERS)

@@ -16,12 +16,10 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, visits_of
+from rig.plan.nerve import SpikeRequest, Visit, run_spikes, visits_of
 from rig.report.nerve_figures import nerve_figures
 from rig.units import GWT_N
-from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from sim.nerve.population import AfferentPopulation
 from tests.error_codes import raises
 from tests.program import Program, press_script
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -40,25 +38,6 @@ def run(tmp_path: Path) -> Run:
 def config(run: Run) -> Config:
     """Its configuration."""
     return load_config(run.folder.config)
-
-
-@pytest.fixture
-def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Presses whose strain energy density is that under a bar, roughly, at no cost."""
-
-    def tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
-        depths = np.linspace(0.05, 0.6, 12)
-        x_mm = np.array([one.x_mm + organ[0] for one in afferents for organ in one.organs_mm])
-        near = {place: np.exp(-0.1 * (x_mm - place[1]) ** 2)
-                for place in {visit.place for visit in found.visits}}  # fmt: skip
-        return {
-            place: MeasureTable(depths, np.array([
-                afferents.measure(dict.fromkeys(MEASURES, 120 * depth ** 2 * share)) for depth in depths
-            ]))
-            for place, share in near.items()
-        }  # fmt: skip
-
-    monkeypatch.setattr("rig.plan.nerve.tables_of", tables)
 
 
 def _spikes(run: Run, config: Config, finger: Fingertip, afferents: str = AFFERENTS, seed: int = 0) -> SpikeRecord:
@@ -162,7 +141,7 @@ def test_each_simulated_move_has_the_speed_of_its_phase(run: Run, phase: str, mm
 # --- spikes ---
 
 
-@pytest.mark.usefixtures("cheap")
+@pytest.mark.usefixtures("cheap_measures")
 def test_simulated_spikes_repeat_with_their_seed(run: Run, config: Config, finger: Fingertip) -> None:
     first, again = _spikes(run, config, finger), _spikes(run, config, finger)
     assert [one.spike_s.tolist() for one in first.trains] == [one.spike_s.tolist() for one in again.trains]
@@ -172,7 +151,7 @@ def test_simulated_spikes_repeat_with_their_seed(run: Run, config: Config, finge
     assert other.trains[0].spike_s.tolist() != first.trains[0].spike_s.tolist()
 
 
-@pytest.mark.usefixtures("cheap")
+@pytest.mark.usefixtures("cheap_measures")
 def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger: Fingertip) -> None:
     """Each spike comes in a visit or shortly after it, later by the delay; the receptor under the bar fires."""
     found = visits_of(run, config)
@@ -187,7 +166,7 @@ def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger:
         assert (np.diff(train.spike_s) > 0).all()
 
 
-@pytest.mark.usefixtures("cheap")
+@pytest.mark.usefixtures("cheap_measures")
 def test_simulated_spikes_do_not_depend_on_the_piece_length(
     run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -281,7 +260,7 @@ def test_spikes_in_nix_are_read_back_to_the_last_bit(run: Run, record: SpikeReco
 # --- the command ---
 
 
-@pytest.mark.usefixtures("cheap", "empty_figures", "finger")
+@pytest.mark.usefixtures("cheap_measures", "empty_figures", "finger")
 def test_rig_nerve_writes_spike_files_and_report_figures(run: Run, program: Program) -> None:
     ended = program("nerve", str(run.folder.path), "--afferents", AFFERENTS, "--json")
     assert ended.code == 0, ended.err
@@ -302,6 +281,7 @@ def test_rig_nerve_writes_spike_files_and_report_figures(run: Run, program: Prog
     assert not run.folder.changed()
 
 
+@pytest.mark.usefixtures("cheap_measures", "empty_figures")
 @pytest.mark.parametrize("command", ["show", "export --csv", f"nerve --afferents {AFFERENTS}"])
 def test_a_json_answer_warns_of_a_run_with_a_missing_file(run: Run, program: Program, command: str) -> None:
     (run.folder.path / "protocol.py").unlink()
@@ -313,7 +293,7 @@ def test_a_json_answer_warns_of_a_run_with_a_missing_file(run: Run, program: Pro
     assert "protocol.py is missing" in warning["warning_text"]
 
 
-@pytest.mark.usefixtures("cheap")
+@pytest.mark.usefixtures("cheap_measures")
 def test_rates_from_simulated_spikes_are_the_counts_in_the_holds(run: Run, config: Config, finger: Fingertip) -> None:
     """What `rig compare --recorded bar:3.0=synthetic_spikes.nwb#0` reads: counts in the holds, at each position."""
     record = _spikes(run, config, finger, "SA1@0")

@@ -323,6 +323,7 @@ KEPT = ("a count of its passes, where no other script counts", "a seeded generat
 LOOP = "\n    for x in places:\n        rig.move_to(x_mm=x); rig.indent(doi_mm=0.2, hold_s=0.1)\n"
 
 
+@pytest.mark.quick(rows=lambda what: what in ("an unseeded shuffle", "a seeded shuffle", KEPT[0]))
 @pytest.mark.parametrize("what", [*UNSEEDED, *SEEDED])
 def test_check_warns_of_a_script_that_does_not_repeat_itself(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
