@@ -12,19 +12,13 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rig.cli.json_schema import OUTPUTS, schema_of_command
 from rig.cli.output import one_line_errors, print_json
 from rig.cli.program import COMMANDS
-from rig.data import Run
-from rig.plan.nerve import MeasureTable, Visits
 from rig_shared.outputs import FORMATS, SUFFIXES, UNIT_FIELDS
 from sim.benchmark import QUICK_SCENES, Candidate, coarse
-from sim.measures.measures import MEASURES
-from sim.models.fingertip import Fingertip
-from sim.nerve.population import AfferentPopulation
 from tests.program import Program, as_in_its_schema, functions
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
@@ -81,15 +75,8 @@ def _short(value: Any) -> Any:
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
-def _cheap_tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
-    """What every afferent has at every place: as much as the depth squared."""
-    depths = np.linspace(0.05, 0.6, 4)
-    felt = [afferents.measure(dict.fromkeys(MEASURES, np.full(len(afferents), 120 * depth**2))) for depth in depths]
-    return {visit.place: MeasureTable(depths, np.array(felt)) for visit in found.visits}
-
-
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None, cheap_measures: None) -> Path:
     """A script, a recording, two runs, a coarse finger and a study, in the folder where commands are asked."""
     monkeypatch.chdir(tmp_path)
     for name in ("complete", "stopped"):
@@ -106,7 +93,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     for name, text in texts.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.setattr("rig.cli.compare.stimulus_maps", lambda *_: [])  # the whole finger would be factorised
-    monkeypatch.setattr("rig.plan.nerve.tables_of", _cheap_tables)  # and here
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "one.model").write_bytes(b"kept")
     few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)
