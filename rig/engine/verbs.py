@@ -226,15 +226,13 @@ def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float =
     """Move sideways at up to most_mm_s; contact is measured before, and a touch ends the move and trips.
 
     A late reading interrupts the move. A touch that vanishes at rest (the stage shakes) is passed by a step no
-    longer than the way that the finger may be dragged. From the park height on, which no finger reaches, the stage
-    has its travel speed.
+    longer than the way that the finger may be dragged. From the park height on, which no finger should reach, the
+    stage has its travel speed until the first touch.
     """
     habits = engine.settings.habits
     limit, watch = guarded_sideways(engine)
-    speed_mm_s, step_mm = limit.speed_mm_s, limit.in_contact_mm
-    if engine.height_mm >= habits.park_height_mm - AT_MM:
-        speed_mm_s, step_mm = habits.travel_speed_mm_s, habits.clearance_mm
-    speed_mm_s = min(speed_mm_s, most_mm_s)
+    parked = engine.height_mm >= habits.park_height_mm - AT_MM
+    speed_mm_s = min(habits.travel_speed_mm_s if parked else limit.speed_mm_s, most_mm_s)
     look_s = min(engine.sensing.sensor.sample_period_s, LOOK_S)
     _refuse_contact_before_move(engine)
     while (
@@ -242,8 +240,9 @@ def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float =
         is not Outcome.ARRIVED
     ):
         _refuse_contact_before_move(engine)
+        speed_mm_s = min(limit.speed_mm_s, most_mm_s)
         left_mm = math.hypot(x_mm - engine.x_mm, along_mm - engine.along_mm)
-        share = min(step_mm / left_mm, 1.0) if left_mm else 1.0
+        share = min(limit.in_contact_mm / left_mm, 1.0) if left_mm else 1.0
         next_x_mm = engine.x_mm + share * (x_mm - engine.x_mm)
         next_along_mm = engine.along_mm + share * (along_mm - engine.along_mm)
         engine.run_watched(partial(engine.motion.aside, next_x_mm, next_along_mm, speed_mm_s, look_s=look_s), Watch())

@@ -209,6 +209,22 @@ def test_contact_time_counts_while_a_finger_touches_during_a_rest(bench: FingerB
     assert engine.contact_time.total_s >= touched_s - FACT_S - 0.5
 
 
+@pytest.mark.parametrize("again_s", [1.4, 1.9, 2.2])
+@pytest.mark.parametrize("kind", ["stub", *STAGES])
+def test_a_finger_that_reaches_the_park_height_twice_is_not_dragged_there(kind: str, again_s: float) -> None:
+    """Its first touch vanishes at rest, as that of a stage that shakes does."""
+    tables = {"habits": {"park_height_mm": 4.0, "clearance_mm": 1.5}}
+    bench = FingerOnStub(tables) if kind == "stub" else FingerOnBytes(kind, tables)
+    engine = bench.ready()
+    engine.go_to_height(4.0, 2.0)
+    bench.finger.moves(in_s(bench, 0.8), 4.3, 20.0, stays_s=0.05)
+    bench.finger.moves(in_s(bench, again_s), 4.3, 20.0, stays_s=3.0)
+    with suppress(*ENDINGS):
+        verbs.go_sideways(engine, 6.0, 0.0, 1.0)
+    assert bench.witness.worst_gwt() > bench.least_gwt
+    not_dragged(bench)
+
+
 # --- a trip is left behind ---
 
 
