@@ -236,7 +236,7 @@ def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float =
     look_s = min(engine.sensing.sensor.sample_period_s, LOOK_S)
     _refuse_contact_before_move(engine)
     while (
-        engine.run_watched(lambda check: engine.motion.aside(x_mm, along_mm, speed_mm_s, check, look_s), watch)
+        engine.run_watched(partial(engine.motion.aside, x_mm, along_mm, speed_mm_s, look_s=look_s), watch)
         is not Outcome.ARRIVED
     ):
         _refuse_contact_before_move(engine)
