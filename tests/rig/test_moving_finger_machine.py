@@ -235,16 +235,19 @@ class FingerMachine(RuleBasedStateMachine):
         """It comes anywhere, in the next steps."""
 
         def stop() -> None:
-            if self._running and how == "rig stop":
-                self._stopped = True
-                with self.bench.stopped_as_by_rig_stop():
-                    self.bench.stage.stop()
-            elif self._running:
+            if not self._running:
+                return
+            self._struck = True
+            if how != "rig stop":
                 raise KeyboardInterrupt
+            self._stopped = True
+            with self.bench.stopped_as_by_rig_stop():
+                self.bench.stage.stop()
 
         self.bench.clock.call_at(self._in_s(after_s), stop)
 
-    _running = _stopped = _paused = False  # whether a verb runs; whether it was stopped, or paused
+    _running = _paused = False  # whether a verb runs; whether it was paused
+    _struck = _stopped = False  # whether it was stopped, which leaves the indentor where it is; by `rig stop`
     _killed = False  # whether nobody drives the stage, which completes what it was told
     _cut = False  # whether its cable is cut, so that it completes its motion
 
@@ -328,7 +331,7 @@ class FingerMachine(RuleBasedStateMachine):
     def _do(self, verb: Callable[[Engine], object]) -> bool:
         """Carry out a verb of a script and judge it; return whether it ended normally."""
         engine = self.bench.engine
-        self._running, self._stopped, self._paused = True, False, False
+        self._running, self._struck, self._stopped, self._paused = True, False, False, False
         problem: BaseException | None = None
         try:
             with stopped_at_once(engine, lambda: self._stopped, lambda: AT_ONCE):
@@ -390,7 +393,7 @@ class FingerMachine(RuleBasedStateMachine):
         begun: number of the first sample. before_s: contact time before.
         """
         bench, engine = self.bench, self.bench.engine
-        gone = self._killed or self._cut
+        gone = self._killed or self._cut or self._struck
         if gone or self._paused or self._blind or bench.force.fails or not engine.sensing.absolute:
             return
         late_s = FACT_S + bench.read_s
