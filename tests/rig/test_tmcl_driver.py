@@ -329,7 +329,7 @@ def test_a_switch_that_is_not_wired_and_flags_that_are_not_configured_are_left_a
 def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     """The module is ten times as fast as the configuration says."""
     bench = bench_of()
-    bench.devices.z._units = type(bench.devices.z._units)(0.1, 1.0)
+    bench.devices.z._motor = replace(bench.devices.z._motor, speed_unit=0.1)
     with raises(StageError, "too_fast", speed_mm_s=1.0, axis="z"):
         bench.stage.move_to(z_mm=-30.0, speed_mm_s=1.0)
     bench.clock.wait_s(2.0)
