@@ -156,15 +156,6 @@ def test_a_travel_of_z_that_is_too_short_is_refused_when_it_homes(more: int) -> 
     assert bench.stage.homed is not more
 
 
-@pytest.mark.parametrize("listed", [b"02 NI", b"00 NI", b"01 NI NC", b"x NI"])
-def test_a_list_of_warnings_of_another_length_is_not_believed(listed: bytes) -> None:
-    bench = StageBench(chain.DEVICE, homed=True)
-    bench.wire.state = "rested"
-    bench.wire.instead[b"2 1 warnings"] = b"@02 1 OK IDLE NI " + listed
-    with raises(StageError, "no_warnings", axis="z", heard=listed.decode("ascii")):
-        bench.stage.status()
-
-
 # --- what stops it ---
 
 
