@@ -127,14 +127,6 @@ def test_a_mode_of_the_motor_is_that_of_its_microsteps(mode: int) -> None:
             bench.stage.connect()
 
 
-@pytest.mark.parametrize("place", [2, 3], ids=["Accel", "Decel"])
-def test_a_controller_without_an_acceleration_is_refused(place: int) -> None:
-    bench = bench_of(homed=False)
-    _changed("mov", SPEEDS, place, 0)(bench.devices.z)
-    with raises(StageError, "not_as_configured", axis="z", found=0, expected=5000):
-        bench.stage.connect()
-
-
 @pytest.mark.parametrize("serial", [10003, 10001])
 def test_another_controller_is_refused(serial: int) -> None:
     """Ports that have changed places, so that z's commands would move x: 10003 is z's."""
