@@ -81,7 +81,7 @@ def sealed(body: bytes) -> bytes:
 
 def parse_reply(data: bytes, host: int) -> TmclReply | None:
     """Return the reply in nine bytes, or None if they are something else."""
-    if len(data) != LENGTH or data[0] != host or sealed(data[:-1]) != data:
+    if data[0] != host or sealed(data[:-1]) != data:
         return None
     _, address, status, command, value = _FRAME.unpack(data[:-1])
     return TmclReply(address, status, command, value) if status in _STATUSES else None

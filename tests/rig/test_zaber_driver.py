@@ -52,19 +52,6 @@ def linked(*replies: list[bytes]) -> tuple[ScriptedWire, ZaberLink]:
     return wire, ZaberLink(wire, clock)
 
 
-def test_other_lines_and_late_replies_are_passed_over() -> None:
-    """An alert, an info line, another device, another axis, an older id, rubbish; then the reply in two pieces."""
-    answer = sealed("@01 1 00 OK BUSY -- 4711")
-    wire, link = linked([
-        sealed("!02 1 IDLE FS"), sealed("#01 1 00 text"), sealed("@02 1 00 OK IDLE -- 1"),
-        sealed("@01 2 00 OK IDLE -- 2"), sealed("@01 1 99 OK IDLE -- 3"), b"\xff\x00rubbish\r\n",
-        answer[:7], answer[7:],
-    ])  # fmt: skip
-    assert link.ask(1, 1, "get pos").data == "4711"
-    assert wire.sent == [frame(1, 1, 0, "get pos")]
-    assert link.alerts == {(2, 1): "FS"}
-
-
 def test_a_refused_question_is_not_repeated() -> None:
     wire, link = linked([sealed("@01 1 00 RJ IDLE -- BADCOMMAND")], [sealed("@01 1 01 OK IDLE -- 1")])
     with raises(StageRejected, "line_refused", number="BADCOMMAND"):
