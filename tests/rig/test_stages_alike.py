@@ -131,16 +131,6 @@ def test_a_move_takes_the_time_of_its_speed_and_of_its_ramp(kind: str, mm_s2: fl
 
 
 @every_kind
-def test_a_stage_homes_and_moves_without_a_connection(kind: str) -> None:
-    bench = StageBench(BYTES[kind], connected=False)
-    bench.stage.home()
-    in_s = 1.0 if kind == "tmcl" else 5.0
-    bench.clock.call_at(bench.clock.monotonic_s() + in_s, lambda: setattr(bench.wire, "state", "arrived"))
-    bench.move()
-    assert bench.stage.status() == bench.device.arrived
-
-
-@every_kind
 def test_a_move_is_not_looked_at_just_before_its_end(kind: str) -> None:
     """A look costs an exchange, and the arrival is looked at anyway."""
     bench, devices = _bench(kind)

@@ -308,14 +308,3 @@ def test_a_stop_that_does_not_get_through_is_repeated(damage: Callable[[bytes], 
     bench.stage.stop()
     assert bench.clock.monotonic_s() - asked_s < 0.5
     assert not bench.devices.z.busy
-
-
-def test_a_stop_after_a_command_that_was_cut_short() -> None:
-    """The controller waits for the rest of a frame and takes the stop for it; zero bytes complete the frame."""
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=5.0))
-    bench.lines[0].host_write(frame("move", MOVE.pack(9, 9, 6 * RESERVED))[:7])
-    asked_s = bench.clock.monotonic_s()
-    bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 0.5
-    assert not bench.devices.z.busy
