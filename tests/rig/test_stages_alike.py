@@ -278,24 +278,6 @@ def test_an_acceleration_of_0_is_as_fast_as_a_zaber_axis_can_and_none_of_a_stand
         bench.stage.connect()
 
 
-def _motions(bench: StageBench) -> list[bytes]:
-    """What was commanded that moves an axis, or says how fast."""
-    words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
-    return [asked for asked in bench.wire.asked if any(word in asked for word in words)]
-
-
-@pytest.mark.parametrize(
-    ("kind", "commands"),
-    [("zaber", [b"2 1 move rel 40 655"]), ("standa", [b"z smov 100 0 6000 6000 0 0 0", b"z movr 10 0"])],
-)
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_is_relative(kind: str, commands: list[bytes], homed: bool) -> None:
-    bench = StageBench(BYTES[kind], homed=homed)
-    bench.stage.jog("z", -0.1, 1.0)
-    assert _motions(bench) == commands
-    assert bench.stage.homed is homed
-
-
 # --- bounds in time, on bytes ---
 
 
