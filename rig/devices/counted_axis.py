@@ -685,7 +685,7 @@ class TwoAxisStage(Stage, Generic[A]):
         return self._axis(axis).steps_per_mm
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Move by a distance from rest; whether the position is trusted does not change.
+        """Move by a distance from rest; the position stays trusted unless the axis shows an alarm or a reset.
 
         Raises StageError; MoveError before any byte.
         """
@@ -694,7 +694,11 @@ class TwoAxisStage(Stage, Generic[A]):
         moves.native_speed(speed_mm_s)
         self._moved = axis
         self._prepare_motion()
-        moves.jog(by_mm, speed_mm_s, keep_on, trusted=self._trusted)
+        try:
+            moves.jog(by_mm, speed_mm_s, keep_on, trusted=self._trusted)
+        except (StageAlarm, StageReset):
+            self._trusted = False
+            raise
 
     def stop(self) -> None:
         """Stop both axes at once, past every wait, and confirm it.

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from rig.clock import Clock
 from rig.devices.base import Stage, StageError, StageOverridden, StageReset
 from rig.devices.counted_axis import (
-    POLL_S,
     AxisSpec,
     CountedAxis,
     Destination,
@@ -121,16 +120,10 @@ class TmclAxis(CountedAxis[TmclLook]):
         self.link.command(self.motor, MST)
 
     def rests(self) -> bool:
-        """Return whether the axis rests: without speed, and still at one position after a while."""
         (speed,), search = self.link.ask(self.motor, (SPEED,))
         if search:
             self.end_search()  # No stop ends a search.
-        if search or speed:
-            return False
-        once = self._number(POSITION)
-        self._clock.wait_s(POLL_S)
-        (again, speed), search = self.link.ask(self.motor, (POSITION, SPEED))
-        return again == once and not (speed or search)
+        return not (speed or search)
 
     def halt(self) -> None:
         """Slow down to rest, and note a module that was switched off before it is disarmed. Raises StageError."""
@@ -220,7 +213,7 @@ class TmclAxis(CountedAxis[TmclLook]):
                 yield Fault(FaultKind.DISPLACED, number, f"unexpected {side} limit switch")
         # A standing axis that this driver has homed has maximum speed 0; one that was switched off has another.
         expected = found[MAX_SPEED] if busy and self._max_speed is None else self._max_speed or 0
-        if found[MAX_SPEED] != expected != self._number(MAX_SPEED):
+        if found[MAX_SPEED] != expected:
             yield _lost(found[MAX_SPEED], expected)
         elif self._lost is not None:
             yield self._lost

@@ -81,7 +81,7 @@ def sealed(body: bytes) -> bytes:
 
 def parse_reply(data: bytes, host: int) -> TmclReply | None:
     """Return the reply in nine bytes, or None if they are something else."""
-    if len(data) != LENGTH or data[0] != host or sealed(data[:-1]) != data:
+    if data[0] != host or sealed(data[:-1]) != data:
         return None
     _, address, status, command, value = _FRAME.unpack(data[:-1])
     return TmclReply(address, status, command, value) if status in _STATUSES else None
@@ -118,20 +118,8 @@ class TmclLink(DriveLink):
             self._exchanged(TmclRequest(motor, command, kind, value))
 
     def version(self, motor: Motor) -> str:
-        """Return the name of a module and its firmware; sent twice, since the reply has no checksum.
-
-        Raises StageError, TransportError.
-        """
-        once = self._repeated(lambda: self._version_of(motor))
-        for _ in range(READ_TRIES):
-            once, before = self._repeated(lambda: self._version_of(motor)), once
-            if once == before:
-                return once
-        raise StageError(
-            f"{self.name}: TMCL module {motor.address} names itself {before!r} and then {once!r}; check the cable "
-            "and stage.baud",
-            "answers_differ",
-        )
+        """Return the name of a module and its firmware. Raises StageError, TransportError."""
+        return self._repeated(lambda: self._version_of(motor))
 
     def send_now(self, motors: Sequence[Motor]) -> None:
         """Stop motors, without waiting for replies. Raises TransportError.

@@ -174,11 +174,8 @@ class ZaberAxis(CountedAxis[Look]):
         alerted = self.link.alerts.pop((self._address.address, self._address.axis), NO_WARNING)
         found = {reply.warning, alerted} - {NO_WARNING}
         if found and not any(FAULTS.get(flag, UNKNOWN)[0] is FaultKind.ALARM for flag in found):
-            data = self.link.ask(self._address.address, self._address.axis, "warnings").data
-            count, *rest = data.split() or [""]
-            if not count.isdigit() or int(count) != len(rest):
-                raise StageError(f"{self.label}: {data!a} is not a list of warnings", "no_warnings")
-            found |= set(rest)
+            _, *listed = self.link.ask(self._address.address, self._address.axis, "warnings").data.split()
+            found |= {*listed}
         return found
 
     # --- helpers ---

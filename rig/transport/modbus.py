@@ -303,9 +303,9 @@ class ModbusMaster:
     def _is_older(self, answer: ModbusPDU, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> bool:
         if not self._rtu:
             return bool(answer.transaction_id != request.transaction_id)
-        function = answer.function_code & ~_REFUSED
-        own = function == request.function_code and (answer.isError() or fits(answer))
-        return not own and answer.dev_id == request.dev_id and bool(self._late(request.dev_id))
+        asked = answer.dev_id, answer.function_code & ~_REFUSED
+        own = asked == (request.dev_id, request.function_code) and (answer.isError() or fits(answer))
+        return not own and bool(self._late(answer.dev_id))
 
     def _late(self, device_id: int) -> set[int]:
         """Return the numbers of registers of the requests that a device may still reply to."""
@@ -328,6 +328,9 @@ class ModbusMaster:
                 "rate",
                 "bad_crc",
             )
+        if self._rtu and answer is not None:  # pymodbus calls all that arrived used, also a reply that follows
+            frame = self._framer.buildFrame(answer)
+            used = received.find(frame) + len(frame) if frame in received else used
         return received[used:], answer
 
     def _drain(self) -> None:

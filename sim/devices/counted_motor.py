@@ -3,12 +3,16 @@
 The home switch is at the upper end of every axis, and the far one beyond the travel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import inf, sqrt
+from typing import TypeVar
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl.planner import ConstantAcceleration, Piece, Track
+from sim.devices.line import TwinError, VirtualStageSpec
 
+START_MM = -10.0
 _NEGLIGIBLE_PULSES = 1e-6
 
 
@@ -86,6 +90,45 @@ class DriveAxis:
         self._track.replace_from(now_s, path.pieces, (path.position, 0.0, 0.0))
 
 
+@dataclass(frozen=True)
+class MotorSpec:
+    """Motor of an axis as configured: counts for each mm, travel, acceleration, lost motion of the screw in counts.
+
+    start: height at power-on. speed_unit, acceleration_unit: of the drive, for one count per s and s².
+    """
+
+    counts_per_mm: float
+    travel_mm: float
+    acceleration_mm_s2: float
+    play: float
+    start: int
+    speed_unit: float
+    acceleration_unit: float
+
+    @classmethod
+    def of(cls, spec: VirtualStageSpec, axis: str) -> "MotorSpec":
+        """Return the motor of an axis."""
+        number = "xyz".index(axis)
+        per_mm = abs(spec.steps_per_mm[number])
+        units = (spec.own.get(key, 1.0) for key in ("speed_unit", "acceleration_unit"))
+        travel_mm, play = spec.travel_mm[number], spec.play_steps[number]
+        return cls(per_mm, travel_mm, spec.acceleration_mm_s2, play, round(START_MM * per_mm), *units)
+
+
+M = TypeVar("M", bound="CountedMotor")
+
+
+def by_address(axes: Mapping[str, M], spec: VirtualStageSpec, kind: str, number: str) -> dict[int, dict[int, M]]:
+    """Return axes on one line by the address of their device and their number there. Raises TwinError."""
+    places = {name: (spec.own[name]["address"], spec.own[name][number]) for name in axes}
+    if len({*places.values()}) < len(places):
+        raise TwinError(f"{kind}: x and z have one address and {number}; give each its own", "same_axis")
+    found: dict[int, dict[int, M]] = {}
+    for name, (address, which) in sorted(places.items(), key=lambda place: place[1]):
+        found.setdefault(address, {})[which] = axes[name]
+    return found
+
+
 class CountedMotor:
     """Motor of a drive that counts, with its truth: heights in counts from home, past, present or planned.
 
@@ -153,7 +196,8 @@ class CountedMotor:
     def _height(self, count: int) -> int:
         return self._zero + self._sign * count
 
-    def _set_count(self, count: int) -> None:
+    def set_count(self, count: int) -> None:
+        """Let the drive count from here on."""
         self._zero = self.carriage_at(self._now_s) - self._sign * count
 
     # --- motion ---

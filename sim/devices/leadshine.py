@@ -8,8 +8,9 @@ to another.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from sim.devices.clock import Scheduler
@@ -23,7 +24,7 @@ SOFT_LIMITS, POSITIVE_LIMIT, NEGATIVE_LIMIT = 0x6000, 0x6006, 0x6008
 HOMING_HIGH, HOMING_LOW, HOMING_RAMP_UP, HOMING_RAMP_DOWN = 0x600F, 0x6010, 0x6011, 0x6012
 PATHS, PATH_REGISTERS = 16, 8
 NO_PATH, ABSOLUTE, VELOCITY, HOMING, RELATIVE = 0x0000, 0x0001, 0x0002, 0x0003, 0x0041
-RUN_PR0, RUN_PR15, HOME, SET_ZERO, QUICK_STOP = 0x0010, 0x001F, 0x0020, 0x0021, 0x0040
+RUN_PR0, HOME, SET_ZERO, QUICK_STOP = 0x0010, 0x0020, 0x0021, 0x0040
 CLEAR_ALARM, SAVE, SAVE_MAPPING, JOG_POSITIVE, JOG_NEGATIVE = 0x1111, 0x2211, 0x2244, 0x4001, 0x4002
 FAULT, ENABLED, RUNNING, COMMAND_DONE, PATH_DONE, HOMED = (1 << bit for bit in (0, 1, 2, 4, 5, 6))
 JOG_S = 0.05
@@ -82,6 +83,20 @@ class VirtualDrive(CountedMotor):
         self._inputs = 0  # pressed inputs as bits, DI1 lowest; each is configured as a quick stop
         self._stopped_s = -1.0  # end of the last quick stop, so that a running one is not restarted
         self.eeprom_saves = 0
+        triggers: dict[int, Callable[[], None]] = {
+            **{RUN_PR0 + n: partial(self._path, PR0 + PATH_REGISTERS * n) for n in range(PATHS)},
+            HOME: self._home,
+            SET_ZERO: self._set_zero,
+            QUICK_STOP: self._stop,
+        }
+        controls: dict[int, Callable[[], None]] = {
+            CLEAR_ALARM: self._clear,
+            **dict.fromkeys((SAVE, SAVE_MAPPING), self._save),
+            JOG_POSITIVE: partial(self._jog, 1),
+            JOG_NEGATIVE: partial(self._jog, -1),
+        }
+        self._words = {PR0_TRIGGER: triggers, TRIGGER: triggers, CONTROL: controls}
+        """Registers that execute a word, and the meanings of words there."""
         self.power_cycle()
 
     def power_cycle(self) -> None:
@@ -123,10 +138,12 @@ class VirtualDrive(CountedMotor):
         output = self._parameters.output_register
         if output is not None and address <= output < address + len(values):
             self.outputs.append((self._scheduler.monotonic_s(), self._held[output]))
-        for register, obey in ((PR0_TRIGGER, self._trigger), (TRIGGER, self._trigger), (CONTROL, self._control)):
+        for register, meanings in self._words.items():
             if address <= register < address + len(values) and self._held[register]:
                 word, self._held[register] = self._held[register], 0
-                obey(word)
+                if word not in meanings:
+                    raise RegisterFault(ILLEGAL_VALUE)
+                meanings[word]()
 
     # --- reading ---
 
@@ -147,30 +164,23 @@ class VirtualDrive(CountedMotor):
 
     # --- commands ---
 
-    def _control(self, word: int) -> None:
-        if word == CLEAR_ALARM:
-            self._alarm = 0
-        elif word in (SAVE, SAVE_MAPPING):
-            self.eeprom_saves += 1
-            self._stored = dict(self._held)
-        elif word in (JOG_POSITIVE, JOG_NEGATIVE):
-            sign = 1 if word == JOG_POSITIVE else -1
-            self._run(sign * self._held[self._parameters.jog_rpm_register], JOG_S, self._ramps(HOMING_RAMP_UP))
-        else:
-            raise RegisterFault(ILLEGAL_VALUE)
+    def _clear(self) -> None:
+        self._alarm = 0
 
-    def _trigger(self, word: int) -> None:
-        if word == QUICK_STOP:
-            self._stop()
-        elif word == SET_ZERO:
-            self._set_count(0)
-            self._homed = True
-        elif not (RUN_PR0 <= word <= RUN_PR15 or word == HOME):
-            raise RegisterFault(ILLEGAL_VALUE)
-        elif not (self._alarm or self._inputs):
-            self._home() if word == HOME else self._path(PR0 + PATH_REGISTERS * (word - RUN_PR0))
+    def _save(self) -> None:
+        self.eeprom_saves += 1
+        self._stored = dict(self._held)
+
+    def _jog(self, sign: int) -> None:
+        self._run(sign * self._held[self._parameters.jog_rpm_register], JOG_S, self._ramps(HOMING_RAMP_UP))
+
+    def _set_zero(self) -> None:
+        self.set_count(0)
+        self._homed = True
 
     def _path(self, first: int) -> None:
+        if self._blocked():
+            return
         mode, high, low, rpm = (self._held[first + n] for n in range(4))
         if mode not in (NO_PATH, ABSOLUTE, RELATIVE, VELOCITY, HOMING):
             raise RegisterFault(ILLEGAL_VALUE)
@@ -186,7 +196,7 @@ class VirtualDrive(CountedMotor):
             self._go([(self._height(allowed), rpm * self._per_rpm)], *ramps)
 
     def _run(self, rpm: int, for_s: float, ramps: tuple[float, float]) -> None:
-        if self._alarm or self._inputs or not rpm:
+        if self._blocked() or not rpm:
             return
         now_s = self._scheduler.monotonic_s()
         low, high = self._limits()
@@ -197,7 +207,7 @@ class VirtualDrive(CountedMotor):
     def _home(self) -> None:
         """Run fast to the switch, half a turn back, and slowly to it again."""
         fast, slow = (self._held[n] * self._per_rpm for n in (HOMING_HIGH, HOMING_LOW))
-        if not (fast and slow):
+        if self._blocked() or not (fast and slow):
             return
         half_turn = self._held[self._parameters.pulses_per_rev_register] / 2
         self._done = True
@@ -210,6 +220,9 @@ class VirtualDrive(CountedMotor):
         if speed and self._stopped_s != self._axis.end_s:
             self._axis.brake(speed / QUICK_STOP_S, now_s)
             self._stopped_s = self._axis.end_s
+
+    def _blocked(self) -> bool:
+        return bool(self._alarm or self._inputs)
 
     # --- units ---
 

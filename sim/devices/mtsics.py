@@ -13,7 +13,6 @@ from sim.devices.clock import Handle, Scheduler
 from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
 
 MODEL, SOFTWARE = "virtual-balance", "1.00"
-LEVEL_0 = ("@", "I0", "I1", "I2", "I3", "I4", "S", "SI", "SIR", "Z", "ZI")
 
 
 @dataclass
@@ -62,6 +61,9 @@ class VirtualBalance:
     def _stable(self, number: int) -> bool:
         return self._samples.steady(number, self._menu.stable_samples, self._menu.stable_band_g)
 
+    def _steady(self) -> str:
+        return "S" if self._stable(self._samples.newest()) else "D"
+
     def _load(self, number: int) -> float | str:
         """Return net grams, or the sign of an overload or underload; "I" for a broken cell."""
         grams = self._samples.grams(number)
@@ -83,7 +85,7 @@ class VirtualBalance:
             self._send("ET")
             return
         command, *rest = line.decode("ascii").split() or [""]
-        act = self._commands.get(command)
+        _, act = self._commands.get(command, (0, None))
         if act is None:
             self._send("ES")
         elif command == "TA" and rest:
@@ -97,23 +99,24 @@ class VirtualBalance:
             act()
 
     @cached_property
-    def _commands(self) -> dict[str, Callable[[], None]]:
+    def _commands(self) -> dict[str, tuple[int, Callable[[], None]]]:
+        """Level of each command, and what executes it."""
         return {
-            "S": lambda: self._when_stable("S", lambda grams: self._send(f"S S {self._shown(grams)}")),
-            "SI": self._answer_now,
-            "SIR": self._repeat,
-            "Z": lambda: self._when_stable("Z", lambda _: self._set_zero("Z", "A")),
-            "ZI": lambda: self._set_zero("ZI", "S" if self._stable(self._samples.newest()) else "D"),
-            "T": lambda: self._when_stable("T", lambda _: self._set_tare("T", "S")),
-            "TI": lambda: self._set_tare("TI", "S" if self._stable(self._samples.newest()) else "D"),
-            "TA": lambda: self._send(f"TA A {self._shown(self._tare_g)}"),
-            "TAC": self._clear_tare,
-            "I0": self._list_commands,
-            "I1": lambda: self._send('I1 A "01" "2.30" "2.20" "" ""'),
-            "I2": lambda: self._send(f'I2 A "{MODEL} {self._menu.range_g:.{self._decimals}f} g"'),
-            "I3": lambda: self._send(f'I3 A "{SOFTWARE}"'),
-            "I4": self._identify,
-            "@": self._cancel,
+            "S": (0, lambda: self._when_stable("S", lambda grams: self._send(f"S S {self._shown(grams)}"))),
+            "SI": (0, self._answer_now),
+            "SIR": (0, self._repeat),
+            "Z": (0, lambda: self._when_stable("Z", lambda _: self._set_zero("Z", "A"))),
+            "ZI": (0, lambda: self._set_zero("ZI", self._steady())),
+            "T": (1, lambda: self._when_stable("T", lambda _: self._set_tare("T", "S"))),
+            "TI": (1, lambda: self._set_tare("TI", self._steady())),
+            "TA": (1, lambda: self._send(f"TA A {self._shown(self._tare_g)}")),
+            "TAC": (1, self._clear_tare),
+            "I0": (0, self._list_commands),
+            "I1": (0, lambda: self._send('I1 A "01" "2.30" "2.20" "" ""')),
+            "I2": (0, lambda: self._send(f'I2 A "{MODEL} {self._menu.range_g:.{self._decimals}f} g"')),
+            "I3": (0, lambda: self._send(f'I3 A "{SOFTWARE}"')),
+            "I4": (0, lambda: self._send(f'I4 A "{self._menu.serial_number}"')),
+            "@": (0, self._cancel),
         }
 
     def _send(self, line: str) -> None:
@@ -140,19 +143,17 @@ class VirtualBalance:
 
     def _set_zero(self, key: str, done: str) -> None:
         load = self._load(self._samples.newest())
-        if isinstance(load, str):
-            self._send(f"{key} {load}")
-            return
-        self._zero_g, self._tare_g = self._samples.grams(self._samples.newest()), 0.0
-        self._send(f"{key} {done}")
+        if not isinstance(load, str):
+            self._zero_g, self._tare_g = self._samples.grams(self._samples.newest()), 0.0
+            load = done
+        self._send(f"{key} {load}")
 
     def _set_tare(self, key: str, done: str) -> None:
         load = self._load(self._samples.newest())
-        if isinstance(load, str):
-            self._send(f"{key} {load}")
-            return
-        self._tare_g += load
-        self._send(f"{key} {done} {self._shown(self._tare_g)}")
+        if not isinstance(load, str):
+            self._tare_g += load
+            load = f"{done} {self._shown(self._tare_g)}"
+        self._send(f"{key} {load}")
 
     def _preset_tare(self, rest: list[str]) -> None:
         if len(rest) != 2 or rest[1] != "g" or not re.fullmatch(r"\d+(\.\d*)?", rest[0]):
@@ -167,17 +168,13 @@ class VirtualBalance:
 
     def _list_commands(self) -> None:
         """List commands, one line each with its level; all but the last announce more (B)."""
-        names = sorted(self._commands)
-        for name in names:
-            level = 0 if name in LEVEL_0 else 1
-            self._send(f'I0 {"A" if name == names[-1] else "B"} {level} "{name}"')
-
-    def _identify(self) -> None:
-        self._send(f'I4 A "{self._menu.serial_number}"')
+        *names, last = sorted(self._commands)
+        for name in (*names, last):
+            self._send(f'I0 {"A" if name == last else "B"} {self._commands[name][0]} "{name}"')
 
     def _cancel(self) -> None:
         self._pending, self._tare_g = None, 0.0
-        self._identify()
+        self._commands["I4"][1]()
 
     # --- waiting ---
 

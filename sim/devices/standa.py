@@ -7,14 +7,14 @@ the motor turns is harsh at any speed.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf, trunc
 
 from pymodbus.framer import FramerRTU
 
 from sim.devices.clock import Scheduler
-from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair
+from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair, MotorSpec
 from sim.devices.line import SerialLine, VirtualStageSpec
 
 SETTINGS = {
@@ -49,32 +49,27 @@ def frame(letters: str, payload: bytes = b"") -> bytes:
 
 
 class VirtualStandaController(CountedMotor):
-    """Controller of one axis on its line.
+    """Controller of one axis on its line; heights are in microsteps, 0 where homing ends.
 
-    counts_per_mm: microsteps. homes_right: the upper switch is the right one. The carriage's height is in
-    microsteps, 0 where homing ends. start: height at power-on. play: the screw's lost motion.
+    Where the upper switch is the right one, its count grows upwards.
     """
 
     def __init__(
-        self,
-        scheduler: Scheduler,
-        line: SerialLine,
-        *,
-        serial: int,
-        counts_per_mm: float,
-        homes_right: bool,
-        microsteps: int,
-        travel_mm: float,
-        acceleration_mm_s2: float,
-        start: int = 0,
-        play: float = 0.0,
+        self, scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec, name: str, serial: int
     ) -> None:
-        per_mm = abs(counts_per_mm)
-        switches = round(BEYOND_MM * per_mm), -round((travel_mm + 1.0) * per_mm)
-        super().__init__(scheduler, counts_upwards=homes_right, start=start, play=play, switches=switches)
+        own, motor = spec.own[name], MotorSpec.of(spec, name)
+        per_mm, microsteps = motor.counts_per_mm, own["microsteps"]
+        switches = round(BEYOND_MM * per_mm), -round((motor.travel_mm + 1.0) * per_mm)
+        super().__init__(
+            scheduler,
+            counts_upwards=own["home"] == "right",
+            start=motor.start,
+            play=motor.play,
+            switches=switches,
+        )
         self._line, self._serial, self._microsteps = line, serial, microsteps
         steps_per_mm = per_mm / microsteps
-        ramp = min(max(round(1.2 * acceleration_mm_s2 * steps_per_mm), 1), 0xFFFF)
+        ramp = min(max(round(1.2 * motor.acceleration_mm_s2 * steps_per_mm), 1), 0xFFFF)
         delta, part = divmod(switches[0], microsteps)
         homing = (round(5 * steps_per_mm), 0, round(steps_per_mm), 0, -self._sign * delta, -self._sign * part)
         self.settings = {name: bytes(length - LETTERS - CRC_BYTES) for name, length in SETTINGS.items()}
@@ -114,7 +109,7 @@ class VirtualStandaController(CountedMotor):
     def push_button(self) -> None:
         """Hold down the button `right` of the controller, which moves the axis."""
         self.inputs |= BUTTON_RIGHT
-        self._run("rigt", b"")
+        self._commands["rigt"][1](b"")
 
     # --- state ---
 
@@ -158,6 +153,7 @@ class VirtualStandaController(CountedMotor):
 
     def _table(self) -> dict[str, tuple[int, Callable[[bytes], bytes | None]]]:
         """Return the length of each command, and what executes it and returns the payload of its reply."""
+        low, high = (self._lowest, self._highest)[:: self._sign]
         return {
             "gets": (LETTERS, lambda _: self._status()),
             "gpos": (LETTERS, lambda _: struct.pack("<ihq6x", *self._parts(self.position()), 0)),
@@ -167,11 +163,14 @@ class VirtualStandaController(CountedMotor):
             **{f"g{name}": (LETTERS, lambda _, name=name: self.settings[name]) for name in SETTINGS},  # type: ignore[misc]
             **{f"s{name}": (size, partial(self._set, name)) for name, size in SETTINGS.items()},
             "spos": (26, self._count_from),
-            "zero": (LETTERS, lambda _: self._set_count(0)),
+            "zero": (LETTERS, lambda _: self.set_count(0)),
             "pwof": (LETTERS, self._switch_off),
             **{letters: (LETTERS, partial(self._end, letters)) for letters in ("stop", "sstp")},
-            **{letters: (18, partial(self._run, letters)) for letters in ("move", "movr")},
-            **{letters: (LETTERS, partial(self._run, letters)) for letters in ("home", "left", "rigt")},
+            "move": (18, partial(self._run, MOVE, lambda: self._zero)),
+            "movr": (18, partial(self._run, MOVR, lambda: self.carriage_at(self._now_s))),
+            "left": (LETTERS, partial(self._run, LEFT, lambda: low)),
+            "rigt": (LETTERS, partial(self._run, RIGHT, lambda: high)),
+            "home": (LETTERS, self._home),
             **dict.fromkeys(IGNORED, (LETTERS, lambda _: None)),
         }
 
@@ -189,7 +188,7 @@ class VirtualStandaController(CountedMotor):
     def _count_from(self, payload: bytes) -> None:
         steps, part, _, ignored = struct.unpack("<ihqB5x", payload)
         if not ignored & 1:
-            self._set_count(self._whole(steps, part))
+            self.set_count(self._whole(steps, part))
 
     def _switch_off(self, _: bytes) -> None:
         self._brake(inf)
@@ -220,34 +219,32 @@ class VirtualStandaController(CountedMotor):
 
     # --- motion ---
 
-    def _run(self, letters: str, payload: bytes) -> None:
-        names = {"move": MOVE, "movr": MOVR, "home": HOME, "left": LEFT, "rigt": RIGHT}
-        self._command, self._failed, self._searching = names[letters], bool(self.flags & ALARM), False
-        if self.flags & ALARM:
-            return
-        self._power = POWER_ON
-        if letters == "home":
-            self._home()
-            return
-        if letters in ("left", "rigt"):
-            height = self._highest if (letters == "rigt") == (self._sign > 0) else self._lowest
-        else:
-            counts = self._whole(*struct.unpack("<ih6x", payload))
-            height = self._sign * counts + (self._zero if letters == "move" else self.carriage_at(self._now_s))
-        allowed = min(max(height, self._lowest), self._highest)
-        self._failed = allowed != height
-        speed, part, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
-        self._ramp([(allowed, self._whole(speed, part))], ramps)
+    def _begins(self, command: int) -> bool:
+        """Whether a motion begins, which an alarm prevents."""
+        self._command, self._failed, self._searching = command, bool(self.flags & ALARM), False
+        if not self._failed:
+            self._power = POWER_ON
+        return not self._failed
 
-    def _home(self) -> None:
-        fast, part, _, _, delta, delta_part, _ = struct.unpack("<IBIBihH9x", self.settings["hom"])
-        _, _, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
-        speed = self._whole(fast, part)
-        rest = self._highest + self._sign * self._whole(delta, delta_part)
-        self._searching, self.flags = True, self.flags & ~HOMED
-        self._ramp([(self._highest, speed), (rest, speed)], ramps)
+    def _run(self, command: int, begin: Callable[[], float], payload: bytes) -> None:
+        """Run to a height: by the counts of the payload from where the way begins."""
+        if self._begins(command):
+            height = begin() + (self._sign * self._whole(*struct.unpack("<ih6x", payload)) if payload else 0)
+            allowed = min(max(height, self._lowest), self._highest)
+            self._failed = allowed != height
+            speed, part, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
+            self._ramp([(allowed, self._whole(speed, part))], ramps)
 
-    def _ramp(self, legs: list[tuple[float, float]], ramps: list[int]) -> None:
+    def _home(self, _: bytes) -> None:
+        if self._begins(HOME):
+            fast, part, _1, _2, delta, delta_part, _3 = struct.unpack("<IBIBihH9x", self.settings["hom"])
+            ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[2:4]
+            speed = self._whole(fast, part)
+            rest = self._highest + self._sign * self._whole(delta, delta_part)
+            self._searching, self.flags = True, self.flags & ~HOMED
+            self._ramp([(self._highest, speed), (rest, speed)], ramps)
+
+    def _ramp(self, legs: list[tuple[float, float]], ramps: Sequence[int]) -> None:
         flags = struct.unpack("<HHIBHhBH12x", self.settings["eng"])[4]
         up, down = (ramp * self._microsteps if flags & ACCELERATES else 1e12 for ramp in ramps)
         if legs[0][1]:
@@ -284,19 +281,7 @@ class StandaPair(MotorPair):
 
 def standa_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> StandaPair:
     """Return both controllers, that of z on the line of the stage and that of x on its further line."""
-    x, z = (
-        VirtualStandaController(
-            scheduler,
-            one,
-            serial=10001 + number,
-            counts_per_mm=spec.steps_per_mm[number],
-            homes_right=spec.own["xyz"[number]]["home"] == "right",
-            microsteps=spec.own["xyz"[number]]["microsteps"],
-            travel_mm=spec.travel_mm[number],
-            acceleration_mm_s2=spec.acceleration_mm_s2,
-            start=round(-10.0 * abs(spec.steps_per_mm[number])),
-            play=spec.play_steps[number],
-        )
-        for number, one in ((0, line.further[0]), (2, line))
+    return StandaPair(
+        VirtualStandaController(scheduler, line.further[0], spec, "x", 10001),
+        VirtualStandaController(scheduler, line, spec, "z", 10003),
     )
-    return StandaPair(x, z)

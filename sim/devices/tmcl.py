@@ -9,13 +9,11 @@ acceleration, and a limit switch stops at once.
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from math import ceil, inf
-from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair
-from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
+from sim.devices.counted_motor import CountedMotor, Inbox, MotorPair, MotorSpec, by_address
+from sim.devices.line import SerialLine, VirtualStageSpec
 
 LENGTH = 9
 ROR, ROL, MST, MVP, SAP, GAP, STAP, RSAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 13, 136
@@ -40,47 +38,27 @@ class TmclRefusal(Exception):  # noqa: N818
         self.status = status
 
 
-@dataclass(frozen=True)
-class TmclUnits:
-    """A module's speed for one microstep per second, and its acceleration for one microstep per second squared."""
-
-    speed: float = 1.0
-    acceleration: float = 1.0
-
-
 class VirtualTmclAxis(CountedMotor):
     """One motor with its axis parameters; `carriage_at(t)` is its true height in microsteps, 0 at home.
 
-    start: height at power-on. play: the screw's lost motion. left_home: the home switch is the left one, and the
-    module counts upwards away from it.
+    The home switch is the left one where the module counts upwards away from home.
     """
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        units: TmclUnits,
-        *,
-        counts_per_mm: float,
-        travel_mm: float,
-        acceleration_mm_s2: float,
-        left_home: bool = True,
-        resolution: int = 8,
-        search_mode: int = 1,
-        start: int = 0,
-        play: float = 0.0,
-    ) -> None:
-        switches = 0.0, -(travel_mm + FAR_MM) * counts_per_mm
-        super().__init__(scheduler, counts_upwards=not left_home, start=start, play=play, switches=switches)
-        self._units, self._counts_per_mm = units, counts_per_mm
-        self._home, self._far = (LEFT_SWITCH, RIGHT_SWITCH) if left_home else (RIGHT_SWITCH, LEFT_SWITCH)
+    def __init__(self, scheduler: Scheduler, spec: VirtualStageSpec, name: str) -> None:
+        own, motor = spec.own[name], MotorSpec.of(spec, name)
+        left, per_mm = own["home_switch"] == "left", motor.counts_per_mm
+        switches = 0.0, -(motor.travel_mm + FAR_MM) * per_mm
+        super().__init__(scheduler, counts_upwards=not left, start=motor.start, play=motor.play, switches=switches)
+        self._motor = motor
+        self._home, self._far = (LEFT_SWITCH, RIGHT_SWITCH) if left else (RIGHT_SWITCH, LEFT_SWITCH)
         self.stored: dict[int, int] = {
-            MAX_SPEED: ceil(10.0 * counts_per_mm * units.speed),
-            ACCELERATION: ceil(acceleration_mm_s2 * counts_per_mm * units.acceleration),
+            MAX_SPEED: ceil(10.0 * per_mm * motor.speed_unit),
+            ACCELERATION: ceil(motor.acceleration_mm_s2 * per_mm * motor.acceleration_unit),
             **dict.fromkeys((6, 7, 12, 13, 149), 0),
-            140: resolution,
-            SEARCH_MODE: search_mode,
-            194: ceil(5.0 * counts_per_mm * units.speed),
-            195: ceil(0.5 * counts_per_mm * units.speed),
+            140: own["resolution"],
+            SEARCH_MODE: own["search_mode"],
+            194: ceil(5.0 * per_mm * motor.speed_unit),
+            195: ceil(0.5 * per_mm * motor.speed_unit),
         }
         self.pressed: set[int] = set()
         self.power_cycle()
@@ -91,7 +69,7 @@ class VirtualTmclAxis(CountedMotor):
         """Switch off and on: the carriage stops at once, position and parameters are those of the start."""
         super().power_cycle()
         self.parameters = dict(self.stored)
-        self._target = self._target_speed = 0
+        self.target = self.target_speed = 0
         self._positions = True  # towards the target; else at a speed
         self.lost = self.driver = 0
 
@@ -121,35 +99,35 @@ class VirtualTmclAxis(CountedMotor):
     def parameter(self, number: int) -> int:
         """Return an axis parameter. Raises TmclRefusal."""
         self._settle()
-        if number == LOST_STEPS:
-            lost, self.lost = self.lost, 0
-            return lost
-        shown = {
-            TARGET: self._target,
-            POSITION: self.position(),
-            TARGET_SPEED: self._target_speed,
-            SPEED: self._speed(),
-            REACHED: int(self.position() == self._target and not self.busy),
-            self._home: int(self.at_home or self._home in self.pressed),
-            self._far: int(self.at_far_end or self._far in self.pressed),
-            DRIVER: self.driver,
-        }
-        found = {**self.parameters, **shown}
-        if number not in found:
+        if number in PARAMETERS:
+            return PARAMETERS[number][0](self)
+        if number not in self.parameters:
             raise TmclRefusal(WRONG_TYPE)
-        return found[number]
+        return self.parameters[number]
+
+    def speed(self) -> int:
+        """Return the speed in the module's unit; not 0 as long as the motor moves."""
+        velocity = self._sign * self._axis.velocity_at(self._now_s) * self._motor.speed_unit
+        return round(velocity) or int(self.busy and bool(velocity))
+
+    def switch(self, number: int) -> int:
+        """Return whether a limit switch is active."""
+        reached = self.at_home if number == self._home else self.at_far_end
+        return int(reached or number in self.pressed)
+
+    def read_lost_steps(self) -> int:
+        """Return the flags of lost steps, which reading clears."""
+        lost, self.lost = self.lost, 0
+        return lost
 
     # --- commands ---
 
     def set_parameter(self, number: int, value: int) -> None:
         """Set an axis parameter. Raises TmclRefusal."""
         self._settle()
-        if number == TARGET:
-            self.move_to(value)
-        elif number == POSITION:
-            self._set_count(value)
-        elif number == TARGET_SPEED:
-            self.rotate(value)
+        _, command = PARAMETERS.get(number, (None, None))
+        if command is not None:
+            command(self, value)
         elif number not in self.parameters:
             raise TmclRefusal(WRONG_TYPE)
         elif not 0 <= value <= FASTEST:
@@ -172,7 +150,7 @@ class VirtualTmclAxis(CountedMotor):
     def move_to(self, target: int) -> None:
         """Go to a position."""
         self._settle()
-        self._target, self._positions, self._searching = target, True, False
+        self.target, self._positions, self._searching = target, True, False
         self._follow()
 
     def move_by(self, counts: int) -> None:
@@ -182,24 +160,24 @@ class VirtualTmclAxis(CountedMotor):
     def rotate(self, speed: int) -> None:
         """Run at a speed, until a limit switch."""
         self._settle()
-        self._positions, self._searching, self._target_speed = False, False, speed
+        self._positions, self._searching, self.target_speed = False, False, speed
         height = 0.0 if self._sign * speed > 0 else self._lowest
         if not speed:
             self._brake(self._acceleration)
-        self._ramp([(height, abs(speed) / self._units.speed)])
+        self._ramp([(height, abs(speed) / self._motor.speed_unit)])
 
     def stop(self) -> None:
         """Brake to rest; a reference search continues."""
         if not self.searching:
-            self._positions, self._target_speed = False, 0
+            self._positions, self.target_speed = False, 0
             self._brake(self._acceleration)
 
     def search(self) -> None:
         """Search the home switch: run to it, back off, and come back slowly."""
         if self.driver & OFF:
             return
-        fast, slow = self.parameters[194] / self._units.speed, self.parameters[195] / self._units.speed
-        self._ramp([(0.0, fast), (-BACK_OFF_MM * self._counts_per_mm, fast), (0.0, slow)])
+        fast, slow = self.parameters[194] / self._motor.speed_unit, self.parameters[195] / self._motor.speed_unit
+        self._ramp([(0.0, fast), (-BACK_OFF_MM * self._motor.counts_per_mm, fast), (0.0, slow)])
         self._searching = True
 
     def end_search(self) -> None:
@@ -212,8 +190,8 @@ class VirtualTmclAxis(CountedMotor):
 
     def _follow(self) -> None:
         """Go to the target at the maximum speed; brake if that is 0."""
-        height = self._height(self._target)
-        speed = self.parameters[MAX_SPEED] / self._units.speed
+        height = self._height(self.target)
+        speed = self.parameters[MAX_SPEED] / self._motor.speed_unit
         if not speed:
             self._brake(self._acceleration)
         elif height != self._axis.position_at(self._axis.end_s) or self.busy:
@@ -229,17 +207,25 @@ class VirtualTmclAxis(CountedMotor):
 
     def _arrive_home(self) -> None:
         super()._arrive_home()
-        self._target, self._positions = 0, True
-
-    def _speed(self) -> int:
-        """Return the speed in the module's unit; not 0 as long as the motor moves."""
-        velocity = self._sign * self._axis.velocity_at(self._now_s) * self._units.speed
-        return round(velocity) or int(self.busy and bool(velocity))
+        self.target, self._positions = 0, True
 
     @property
     def _acceleration(self) -> float:
-        return max(self.parameters[ACCELERATION], 1) / self._units.acceleration
+        return max(self.parameters[ACCELERATION], 1) / self._motor.acceleration_unit
 
+
+PARAMETERS: dict[int, tuple[Callable[[VirtualTmclAxis], int], Callable[[VirtualTmclAxis, int], None] | None]] = {
+    TARGET: (lambda axis: axis.target, VirtualTmclAxis.move_to),
+    POSITION: (VirtualTmclAxis.position, VirtualTmclAxis.set_count),
+    TARGET_SPEED: (lambda axis: axis.target_speed, VirtualTmclAxis.rotate),
+    SPEED: (VirtualTmclAxis.speed, None),
+    REACHED: (lambda axis: int(axis.position() == axis.target and not axis.busy), None),
+    RIGHT_SWITCH: (lambda axis: axis.switch(RIGHT_SWITCH), None),
+    LEFT_SWITCH: (lambda axis: axis.switch(LEFT_SWITCH), None),
+    LOST_STEPS: (VirtualTmclAxis.read_lost_steps, None),
+    DRIVER: (lambda axis: axis.driver, None),
+}
+"""Parameters that are no stored value: what reading shows, and what setting does; None for one that is only read."""
 
 Act = Callable[[VirtualTmclAxis, int, int], int | None]
 """Carries out a command on an axis, with its type and value; returns the value of the reply, None for that sent."""
@@ -337,32 +323,6 @@ class TmclModules(MotorPair):
 
 def tmcl_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> TmclModules:
     """Return the modules of both axes on one line. Raises TwinError."""
-    own = spec.own
-    units = TmclUnits(own["speed_unit"], own["acceleration_unit"])
-    places: dict[str, tuple[int, int]] = {name: (own[name]["address"], own[name]["motor"]) for name in "xz"}
-    if places["x"] == places["z"]:
-        raise TwinError("tmcl: x and z have one address and motor; give each its own", "same_axis")
-    axes = {name: _axis(scheduler, units, spec, name, own[name]) for name in "xz"}
-    modules: dict[int, dict[int, VirtualTmclAxis]] = {}
-    for name, (address, number) in places.items():
-        modules.setdefault(address, {})[number] = axes[name]
-    return TmclModules(scheduler, line, modules, axes["x"], axes["z"], host=own["host_address"])
-
-
-def _axis(
-    scheduler: Scheduler, units: TmclUnits, spec: VirtualStageSpec, name: str, own: Mapping[str, Any]
-) -> VirtualTmclAxis:
-    number = "xyz".index(name)
-    counts_per_mm = abs(spec.steps_per_mm[number])
-    return VirtualTmclAxis(
-        scheduler,
-        units,
-        counts_per_mm=counts_per_mm,
-        travel_mm=spec.travel_mm[number],
-        acceleration_mm_s2=spec.acceleration_mm_s2,
-        left_home=own["home_switch"] == "left",
-        resolution=own["resolution"],
-        search_mode=own["search_mode"],
-        start=round(-10.0 * counts_per_mm),
-        play=spec.play_steps[number],
-    )
+    x, z = (VirtualTmclAxis(scheduler, spec, name) for name in "xz")
+    modules = by_address({"x": x, "z": z}, spec, "tmcl", "motor")
+    return TmclModules(scheduler, line, modules, x, z, host=spec.own["host_address"])

@@ -9,11 +9,10 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import ceil, inf
-from typing import Any
 
 from sim.devices.clock import Handle, Scheduler
-from sim.devices.counted_motor import CountedMotor, MotorPair
-from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
+from sim.devices.counted_motor import CountedMotor, MotorPair, MotorSpec, by_address
+from sim.devices.line import SerialLine, VirtualStageSpec
 
 PRIORITY = (
     "FF", "FN", "FZ", "FH", "FV", "FO", "FC", "FM", "FD", "FQ", "FI", "FA", "FR", "FS", "FB", "FP", "FE", "FT",
@@ -34,42 +33,23 @@ class CommandRejected(Exception):  # noqa: N818
     """A command that gets the flag RJ; its text is the data of the reply."""
 
 
-@dataclass(frozen=True)
-class ZaberUnits:
-    """Native speed for one microstep per second, and native acceleration for one microstep per second squared."""
-
-    speed: float = 1.6384
-    acceleration: float = 1.6384e-4
-
-
 class VirtualZaberAxis(CountedMotor):
     """One axis: counts grow from 0 at home downwards; `carriage_at(t)` is its true height in counts, 0 at home.
 
-    start: height at power-on. play: the screw's lost motion. encoder_slip: counts by which the encoder differs from
-    the motor's step counter.
+    encoder_slip: counts by which the encoder differs from the motor's step counter.
     """
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        units: ZaberUnits,
-        *,
-        counts_per_mm: float,
-        travel_mm: float,
-        acceleration_mm_s2: float,
-        resolution: int = 64,
-        start: int = 0,
-        play: float = 0.0,
-    ) -> None:
-        super().__init__(scheduler, counts_upwards=False, start=start, play=play)
-        self._units, self._counts_per_mm = units, counts_per_mm
+    def __init__(self, scheduler: Scheduler, spec: VirtualStageSpec, name: str) -> None:
+        motor = MotorSpec.of(spec, name)
+        super().__init__(scheduler, counts_upwards=False, start=motor.start, play=motor.play)
+        self._motor, per_mm = motor, motor.counts_per_mm
         self.encoder_slip = 0
         self.settings: dict[str, int] = {
-            "accel": max(ceil(acceleration_mm_s2 * counts_per_mm * units.acceleration), 1),
-            "maxspeed": round(25.0 * counts_per_mm * units.speed),
+            "accel": max(ceil(motor.acceleration_mm_s2 * per_mm * motor.acceleration_unit), 1),
+            "maxspeed": round(25.0 * per_mm * motor.speed_unit),
             "limit.min": 0,
-            "limit.max": round((travel_mm + 1.0) * counts_per_mm),
-            "resolution": resolution,
+            "limit.max": round((motor.travel_mm + 1.0) * per_mm),
+            "resolution": spec.own[name]["resolution"],
         }
         self._warnings: set[str] = set()
         self._ending: Handle | None = None
@@ -106,7 +86,7 @@ class VirtualZaberAxis(CountedMotor):
         if self.busy:
             self._warnings.add("NI")
         self._warnings.add("NC")
-        speed = 2.0 * self._counts_per_mm
+        speed = 2.0 * self._motor.counts_per_mm
         self._ramp([(self._axis.position_at(self._now_s) - counts, speed)], self._acceleration(None))
 
     # --- state ---
@@ -125,18 +105,15 @@ class VirtualZaberAxis(CountedMotor):
         self._settle()
         match list(words):
             case []:
-                return "0"
+                pass
             case ["get", setting]:
                 return self._get(setting)
             case ["set", setting, value]:
                 return self._set(setting, value)
-            case ["warnings"]:
+            case ["warnings"] | ["warnings", "clear"]:
                 found = self.warnings
-                return " ".join([f"{len(found):02d}", *found])
-            case ["warnings", "clear"]:
-                found = self.warnings
-                self._warnings -= CLEARED
-                return " ".join([f"{len(found):02d}", *found])
+                self._warnings -= CLEARED if words[1:] else set()
+                return _listed(found)
             case ["home"]:
                 self._begin()
                 self._home()
@@ -144,55 +121,50 @@ class VirtualZaberAxis(CountedMotor):
                 self._end(self._acceleration(None))
             case ["estop"]:
                 self._end(abs(self._axis.velocity_at(self._now_s)) / ESTOP_S)
-            case ["move", "abs" | "rel" | "vel" | "min" | "max" as kind, *numbers]:
+            case ["move", kind, *numbers] if kind in MOVES:
                 self._move(kind, [_whole(number) for number in numbers])
             case _:
                 raise CommandRejected("BADCOMMAND")
         return "0"
 
     def _get(self, setting: str) -> str:
-        if setting == "pos":
-            return str(self.position())
-        if setting == "encoder.pos":
-            return str(self.position() + self.encoder_slip)
-        if setting not in self.settings:
+        at = self.position()
+        shown = {**self.settings, "pos": at, "encoder.pos": at + self.encoder_slip}
+        if setting not in shown:
             raise CommandRejected("BADCOMMAND")
-        return str(self.settings[setting])
+        return str(shown[setting])
 
     def _set(self, setting: str, value: str) -> str:
         number = _whole(value)
-        if setting == "pos":
-            self._set_count(number)
-            self._homed = True
-        elif setting == "resolution" or setting not in self.settings:
+        if setting not in LEAST:
             raise CommandRejected("BADCOMMAND")
-        elif setting in ("accel", "maxspeed") and number < (setting == "maxspeed"):
+        if number < LEAST[setting]:
             raise CommandRejected("BADDATA")
+        if setting == "pos":
+            self.set_count(number)
+            self._homed = True
         else:
             self.settings[setting] = number
         return "0"
 
     def _move(self, kind: str, numbers: list[int]) -> None:
-        """Move to, by, at, or to a limit: [number] [speed [acceleration]]."""
-        least = 0 if kind in ("min", "max") else 1
-        if not least <= len(numbers) <= least + (1 if kind == "vel" else 2):
+        """Move: [number] [speed [acceleration]]."""
+        fewest, most, target_of = MOVES[kind]
+        if not fewest <= len(numbers) <= most:
             raise CommandRejected("BADCOMMAND")
-        first, rest = (numbers[0] if least else 0), numbers[least:]
-        low, high = self.settings["limit.min"], self.settings["limit.max"]
+        first, rest = (numbers[0] if fewest else 0), numbers[fewest:]
         if kind == "vel":
-            speed, target = abs(first), high if first > 0 else low
-            rest = [speed, *rest]
             if not first:
                 self._end(self._acceleration(None))
                 return
-        else:
-            target = {"abs": first, "rel": self.position() + first, "min": low, "max": high}[kind]
-        if not low <= target <= high or any(number < 0 for number in rest):
+            rest = [abs(first), *rest]
+        target = target_of(self, first)
+        if not self.settings["limit.min"] <= target <= self.settings["limit.max"] or any(n < 0 for n in rest):
             raise CommandRejected("BADDATA")
         self._begin()
         native = rest[0] if rest and rest[0] else self.settings["maxspeed"]
         acceleration = self._acceleration(rest[1] if len(rest) > 1 and rest[1] else None)
-        self._ramp([(self._height(target), native / self._units.speed)], acceleration)
+        self._ramp([(self._height(target), native / self._motor.speed_unit)], acceleration)
 
     def _begin(self) -> None:
         """Begin a movement command, which interrupts a running one and clears the warnings that last until then."""
@@ -212,7 +184,7 @@ class VirtualZaberAxis(CountedMotor):
             self._schedule_end()
 
     def _home(self) -> None:
-        fast, off = HOME_MM_S * self._counts_per_mm, BACK_OFF_MM * self._counts_per_mm
+        fast, off = HOME_MM_S * self._motor.counts_per_mm, BACK_OFF_MM * self._motor.counts_per_mm
         homed = self._homed  # Until the search ends.
         self._search([(0.0, fast), (-off, fast), (0.0, fast / 10)], *2 * (self._acceleration(None),))
         self._homed = homed
@@ -234,7 +206,23 @@ class VirtualZaberAxis(CountedMotor):
     def _acceleration(self, native: int | None) -> float:
         """Return counts/s²; 0 is as fast as the motor can."""
         accel = self.settings["accel"] if native is None else native
-        return accel / self._units.acceleration if accel else 1e4 * self._counts_per_mm
+        return accel / self._motor.acceleration_unit if accel else 1e4 * self._motor.counts_per_mm
+
+
+LEAST = {"accel": 0, "maxspeed": 1, "limit.min": -inf, "limit.max": -inf, "pos": -inf}
+"""Settings of an axis that can be set, with their least values."""
+MOVES: dict[str, tuple[int, int, Callable[[VirtualZaberAxis, int], int]]] = {
+    "abs": (1, 3, lambda axis, count: count),
+    "rel": (1, 3, lambda axis, count: axis.position() + count),
+    "vel": (1, 2, lambda axis, speed: axis.settings["limit.max" if speed > 0 else "limit.min"]),
+    "min": (0, 2, lambda axis, _: axis.settings["limit.min"]),
+    "max": (0, 2, lambda axis, _: axis.settings["limit.max"]),
+}
+"""Kinds of the command `move`: least and largest number of values, and the target from the first one."""
+
+
+def _listed(warnings: list[str]) -> str:
+    return " ".join([f"{len(warnings):02d}", *warnings])
 
 
 def _whole(text: str) -> int:
@@ -296,7 +284,7 @@ class VirtualZaberDevice:
                 found = sorted({flag for one in self.axes.values() for flag in one.warnings}, key=PRIORITY.index)
                 for one in self.axes.values():
                     one.obey(words)
-                return " ".join([f"{len(found):02d}", *found])
+                return _listed(found)
         found = [one.obey(words) for one in self.axes.values()]
         return " ".join(found) if list(words[:1]) == ["get"] else found[0]
 
@@ -391,31 +379,6 @@ class ZaberChain(MotorPair):
 
 def zaber_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> ZaberChain:
     """Return the devices of both axes on one line. Raises TwinError."""
-    own = spec.own
-    units = ZaberUnits(own["speed_unit"], own["acceleration_unit"])
-    places = {name: (own[name]["address"], own[name]["axis"]) for name in "xz"}
-    if places["x"] == places["z"]:
-        raise TwinError("zaber: x and z have one address and axis; give each its own", "same_axis")
-    axes = {name: _axis(scheduler, units, spec, name, own[name]) for name in "xz"}
-    devices: dict[int, dict[int, VirtualZaberAxis]] = {}
-    for name, (address, number) in places.items():
-        devices.setdefault(address, {})[number] = axes[name]
-    chain = [VirtualZaberDevice(address, dict(sorted(those.items()))) for address, those in sorted(devices.items())]
-    return ZaberChain(line, chain, axes["x"], axes["z"])
-
-
-def _axis(
-    scheduler: Scheduler, units: ZaberUnits, spec: VirtualStageSpec, name: str, own: Mapping[str, Any]
-) -> VirtualZaberAxis:
-    number = "xyz".index(name)
-    counts_per_mm = abs(spec.steps_per_mm[number])
-    return VirtualZaberAxis(
-        scheduler,
-        units,
-        counts_per_mm=counts_per_mm,
-        travel_mm=spec.travel_mm[number],
-        acceleration_mm_s2=spec.acceleration_mm_s2,
-        resolution=own["resolution"],
-        start=round(-10.0 * counts_per_mm),
-        play=spec.play_steps[number],
-    )
+    x, z = (VirtualZaberAxis(scheduler, spec, name) for name in "xz")
+    devices = by_address({"x": x, "z": z}, spec, "zaber", "axis")
+    return ZaberChain(line, [VirtualZaberDevice(address, axes) for address, axes in devices.items()], x, z)

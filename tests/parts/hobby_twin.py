@@ -1,5 +1,8 @@
 """The virtual twin of the hobby board."""
 
+from collections.abc import Callable
+from functools import cached_property
+
 from sim.devices.clock import Scheduler
 from sim.devices.grbl.board import VirtualGrbl
 from sim.devices.line import SerialLine, VirtualStageSpec
@@ -8,10 +11,9 @@ from sim.devices.line import SerialLine, VirtualStageSpec
 class VirtualHobby(VirtualGrbl):
     """A GRBL board with a name of its own."""
 
-    def _execute_at_rest(self, line: str, now_s: float) -> int | None:
-        if line == "$I":
-            return self._print("[VER:1.1h.hobby:]")
-        return super()._execute_at_rest(line, now_s)
+    @cached_property
+    def _system_lines(self) -> dict[str, Callable[[], int | None]]:
+        return {**super()._system_lines, "$I": lambda: self._print("[VER:1.1h.hobby:]")}
 
 
 def hobby_twin(scheduler: Scheduler, line: SerialLine, told: VirtualStageSpec) -> VirtualHobby:

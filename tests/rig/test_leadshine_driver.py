@@ -146,15 +146,6 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     assert stage.homed
 
 
-@pytest.mark.parametrize("register", [0x6208, 0x6278])
-def test_a_path_that_stays_is_refused(bench: Make, register: int) -> None:
-    bus, stage = bench()
-    bus.registers[X, register] = 0x41
-    bus.write = lambda device, register, values: None  # type: ignore[method-assign]
-    with raises(StageError, "not_as_configured", drive=X, register=f"0x{register:04X}", found="[65]", expected="[0]"):
-        stage.connect()
-
-
 @pytest.mark.parametrize("word", range(7))
 def test_a_path_that_the_drive_has_otherwise_is_not_started(bench: Make, word: int) -> None:
     """One bit of one register."""

@@ -151,6 +151,20 @@ def test_an_answer_from_another_device_is_refused(master: Any, rtu: Rtu) -> None
         master(three_times(READ_2, rtu("05 03 04 00 01 86 A0"))).read(1, 7, 2)
 
 
+@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize(("late", "count"), [("01 03 02 00 05", 1), ("01 83 02", 1), ("01 06 00 07 00 01", 0)])
+def test_a_late_answer_of_another_device_fails_no_write(
+    master: Any, rtu: Rtu, late: str, count: int, together: bool
+) -> None:
+    """A write is not repeated, since it may have been obeyed."""
+    request = "01 03 00 07 00 01" if count else "01 06 00 07 00 01"
+    answers = [rtu(late), GOLDEN_ANSWER]
+    bus = master([(rtu(request), b""), (GOLDEN_WRITE, [b"".join(answers)] if together else answers)], read_tries=1)
+    with raises(ModbusTimeout, "no_reply"):
+        bus.read(1, 7) if count else bus.write_one(1, 7, 1)
+    bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
 def test_an_answer_with_too_few_registers_is_refused(master: Any, rtu: Rtu) -> None:
     with raises(ModbusGarbled, "does_not_fit"):
         master(three_times(READ_2, rtu("01 03 02 00 01"))).read(1, 7, 2)

@@ -127,14 +127,6 @@ def test_a_mode_of_the_motor_is_that_of_its_microsteps(mode: int) -> None:
             bench.stage.connect()
 
 
-@pytest.mark.parametrize("place", [2, 3], ids=["Accel", "Decel"])
-def test_a_controller_without_an_acceleration_is_refused(place: int) -> None:
-    bench = bench_of(homed=False)
-    _changed("mov", SPEEDS, place, 0)(bench.devices.z)
-    with raises(StageError, "not_as_configured", axis="z", found=0, expected=5000):
-        bench.stage.connect()
-
-
 @pytest.mark.parametrize("serial", [10003, 10001])
 def test_another_controller_is_refused(serial: int) -> None:
     """Ports that have changed places, so that z's commands would move x: 10003 is z's."""
@@ -312,17 +304,6 @@ def test_a_stop_that_does_not_get_through_is_repeated(damage: Callable[[bytes], 
         write(damage(data) if hit and left.pop() else data)
 
     bench.lines[0].host_write = damaged  # type: ignore[method-assign]
-    asked_s = bench.clock.monotonic_s()
-    bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 0.5
-    assert not bench.devices.z.busy
-
-
-def test_a_stop_after_a_command_that_was_cut_short() -> None:
-    """The controller waits for the rest of a frame and takes the stop for it; zero bytes complete the frame."""
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=5.0))
-    bench.lines[0].host_write(frame("move", MOVE.pack(9, 9, 6 * RESERVED))[:7])
     asked_s = bench.clock.monotonic_s()
     bench.stage.stop()
     assert bench.clock.monotonic_s() - asked_s < 0.5

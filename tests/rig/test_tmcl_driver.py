@@ -73,7 +73,6 @@ def test_a_command_is_the_one_of_the_makers_client(frame: str, request_: TmclReq
 def test_a_reply_is_read_as_the_maker_means_it(frame: str, reply: TmclReply) -> None:
     assert parse_reply(bytes.fromhex(frame), 2) == reply
     assert parse_reply(bytes.fromhex(frame), 3) is None
-    assert parse_reply(sealed(bytes.fromhex(frame)[:7]), 2) is None
 
 
 def reply_to(frame: bytes, value: int, status: int = 100) -> bytes:
@@ -143,42 +142,6 @@ def test_all_that_still_arrives_after_a_lost_reply_is_discarded() -> None:
     wire.coming += [(clock.monotonic_s() + after_s, refusal) for after_s in (0.005, 0.02)]
     lost.clear()
     link.command(Z, SAP, 4, 0)
-
-
-def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
-    """Each 0.25 s late: after the module was given up."""
-    clock = VirtualClock(0.0, 100.0)
-    wire = ScriptedWire(clock, lambda frame: [])
-    late: list[float] = [0.25]
-
-    def write(data: bytes) -> None:
-        at_s = clock.monotonic_s() + (late.pop(0) if late else 1e-3)
-        wire.coming.append((at_s, reply_to(data, 100 * data[2] if data[1] == GAP else 0)))
-        wire.coming.sort()
-
-    wire.write = write  # type: ignore[method-assign]
-    assert TmclLink(wire, clock).ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
-
-
-@pytest.mark.parametrize(
-    ("names", "asked"), [("AA", 2), ("ABB", 3), ("ABCC", 4), ("ABCDD", 4), ("A-A", 3), ("--AA", 4), ("---", 3)]
-)
-def test_a_module_names_itself_twice_alike(names: str, asked: int) -> None:
-    """The reply has no checksum. -: none comes."""
-    clock, left = VirtualClock(0.0, 100.0), list(names)
-    replies = {name: [b"\x02" + b"1161V14" + name.encode("ascii")] for name in "ABCD"}
-    wire = ScriptedWire(clock, lambda data: replies.get(left.pop(0), []) if data[1:2] == bytes([VERSION]) else [])
-    link = TmclLink(wire, clock)
-    if names == "ABCDD":
-        with raises(StageError, "answers_differ", device=1, once="1161V14C", again="1161V14D"):
-            link.version(X)
-    elif names == "---":
-        with raises(StageTimeout, "no_reply", device=1, motor=0):
-            link.version(X)
-        assert clock.monotonic_s() - 100.0 == pytest.approx(3 * 0.2 + 2 * 0.03)
-    else:
-        assert link.version(X) == f"1161V14{names[-1]}"
-    assert wire.sent.count(TmclRequest(X, VERSION).frame()) == asked
 
 
 # --- the stage on the virtual modules ---
@@ -329,7 +292,7 @@ def test_a_switch_that_is_not_wired_and_flags_that_are_not_configured_are_left_a
 def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     """The module is ten times as fast as the configuration says."""
     bench = bench_of()
-    bench.devices.z._units = type(bench.devices.z._units)(0.1, 1.0)
+    bench.devices.z._motor = replace(bench.devices.z._motor, speed_unit=0.1)
     with raises(StageError, "too_fast", speed_mm_s=1.0, axis="z"):
         bench.stage.move_to(z_mm=-30.0, speed_mm_s=1.0)
     bench.clock.wait_s(2.0)
@@ -371,17 +334,13 @@ def test_a_target_or_a_speed_that_is_read_back_wrong_starts_nothing_more(paramet
     assert b"z MST 0" in bench.wire.asked
 
 
-@pytest.mark.parametrize(
-    ("asked", "moves", "nth"),
-    [(b"z GAP 3", b"100 5", 1), (b"z GAP 3", b"100 5", 2), (b"z RFS 2", b"100 1", 1), (b"z RFS 2", b"100 1", 3)],
-)
-def test_an_axis_that_moves_at_any_look_after_a_stop_is_stopped_again(asked: bytes, moves: bytes, nth: int) -> None:
-    """At the first look, or at the second one, which confirms that it rests."""
+@pytest.mark.parametrize(("asked", "moves"), [(b"z GAP 3", b"100 5"), (b"z RFS 2", b"100 1")])
+def test_an_axis_that_moves_at_the_look_after_a_stop_is_stopped_again(asked: bytes, moves: bytes) -> None:
     bench = StageBench(module.DEVICE, homed=True)
-    counting(bench, asked, lambda n: moves if n == nth else None)
+    counting(bench, asked, lambda n: moves if n == 1 else None)
     bench.stage.stop()
     assert bench.wire.asked.count(b"z MST 0") == 3
-    assert (b"z RFS 1" in bench.wire.asked) is (asked == b"z RFS 2" and nth == 1)
+    assert (b"z RFS 1" in bench.wire.asked) is (asked == b"z RFS 2")
 
 
 @pytest.mark.parametrize("name", ["x", "z"])
@@ -448,16 +407,6 @@ def test_a_stop_goes_to_z_at_once_then_to_x_and_is_confirmed() -> None:
     assert bench.sent[1] == (pytest.approx(asked_s + 2e-3 + 180 / 115200), "z", TmclRequest(X, MST).frame())
     assert not bench.stage.homed
     assert bench.stands()
-
-
-def test_an_axis_whose_speed_reads_0_is_at_rest_only_where_it_stays() -> None:
-    """Two bytes of a reply may have changed places."""
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-20.0, speed_mm_s=10.0))
-    parameter = bench.devices.z.parameter
-    bench.devices.z.parameter = lambda number: 0 if number == 3 else parameter(number)  # type: ignore[method-assign]
-    bench.stage.stop()
-    assert not bench.devices.z.busy
 
 
 @pytest.mark.parametrize("pause_s", [0.02, float("inf")], ids=["drops parts", "waits for ever"])

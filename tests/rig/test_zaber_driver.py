@@ -52,19 +52,6 @@ def linked(*replies: list[bytes]) -> tuple[ScriptedWire, ZaberLink]:
     return wire, ZaberLink(wire, clock)
 
 
-def test_other_lines_and_late_replies_are_passed_over() -> None:
-    """An alert, an info line, another device, another axis, an older id, rubbish; then the reply in two pieces."""
-    answer = sealed("@01 1 00 OK BUSY -- 4711")
-    wire, link = linked([
-        sealed("!02 1 IDLE FS"), sealed("#01 1 00 text"), sealed("@02 1 00 OK IDLE -- 1"),
-        sealed("@01 2 00 OK IDLE -- 2"), sealed("@01 1 99 OK IDLE -- 3"), b"\xff\x00rubbish\r\n",
-        answer[:7], answer[7:],
-    ])  # fmt: skip
-    assert link.ask(1, 1, "get pos").data == "4711"
-    assert wire.sent == [frame(1, 1, 0, "get pos")]
-    assert link.alerts == {(2, 1): "FS"}
-
-
 def test_a_refused_question_is_not_repeated() -> None:
     wire, link = linked([sealed("@01 1 00 RJ IDLE -- BADCOMMAND")], [sealed("@01 1 01 OK IDLE -- 1")])
     with raises(StageRejected, "line_refused", number="BADCOMMAND"):
@@ -154,15 +141,6 @@ def test_a_travel_of_z_that_is_too_short_is_refused_when_it_homes(more: int) -> 
     with refused:
         bench.stage.home()
     assert bench.stage.homed is not more
-
-
-@pytest.mark.parametrize("listed", [b"02 NI", b"00 NI", b"01 NI NC", b"x NI"])
-def test_a_list_of_warnings_of_another_length_is_not_believed(listed: bytes) -> None:
-    bench = StageBench(chain.DEVICE, homed=True)
-    bench.wire.state = "rested"
-    bench.wire.instead[b"2 1 warnings"] = b"@02 1 OK IDLE NI " + listed
-    with raises(StageError, "no_warnings", axis="z", heard=listed.decode("ascii")):
-        bench.stage.status()
 
 
 # --- what stops it ---

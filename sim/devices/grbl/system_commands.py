@@ -4,6 +4,9 @@ Source: the 1.1h firmware, system.c, in its order of checks. Not simulated: `$RS
 kept but never run.
 """
 
+from collections.abc import Callable
+from functools import cached_property
+
 from sim.devices.grbl import core
 from sim.devices.grbl.core import Wait
 from sim.devices.grbl.gcode import BAD_NUMBER, NUMBER, GcodeError, parse
@@ -12,6 +15,8 @@ from sim.devices.grbl.settings import HOMING, INCHES, homing_motion
 
 INVALID_STATEMENT, NO_HOMING, NOT_IDLE = 3, 5, 8
 STARTUP_LINES, _LARGEST_SETTING = 2, 255
+AT_ANY_TIME, REFUSED = "$GCX", "$GCX#ISR"
+"""Second characters of lines that the board executes in any state, and of those that set nothing."""
 
 
 class GrblSystem(GrblRealtime):
@@ -26,42 +31,36 @@ class GrblSystem(GrblRealtime):
     def _execute_system(self, line: str, now_s: float) -> int | None:
         if line.startswith("$J"):
             return self._jog(line, now_s)
-        if line == "$":
-            return self._print(core.HELP)
-        if line[1] in "$GCX":
-            return self._execute_at_any_time(line)
-        return self._execute_at_rest(line, now_s) if self._state in ("Idle", "Alarm") else NOT_IDLE
+        if line[1:2] not in AT_ANY_TIME and self._state not in ("Idle", "Alarm"):
+            return NOT_IDLE
+        if line in self._system_lines:
+            return self._system_lines[line]()
+        for begin, act in self._with_values.items():
+            if line.startswith(begin):
+                return act(line.removeprefix(begin))
+        return INVALID_STATEMENT if line[1] in REFUSED else self._store(line[1:])
 
-    def _execute_at_any_time(self, line: str) -> int | None:
-        if len(line) > 2:
-            return INVALID_STATEMENT
-        if line == "$G":
-            return self._print(core.parser_state(self._modal, self._settings.flag(INCHES)))
-        if line == "$$":
-            return NOT_IDLE if self._state == "Run" else self._print(*self._settings.listing())
-        return self._check() if line == "$C" else self._unlock()
+    @cached_property
+    def _system_lines(self) -> dict[str, Callable[[], int | None]]:
+        """What executes a line."""
+        return {
+            "$": lambda: self._print(core.HELP),
+            "$G": lambda: self._print(core.parser_state(self._modal, self._settings.flag(INCHES))),
+            "$$": lambda: NOT_IDLE if self._state == "Run" else self._print(*self._settings.listing()),
+            "$C": self._check,
+            "$X": self._unlock,
+            "$#": lambda: self._print(*core.parameters(self._offsets, self._settings.flag(INCHES))),
+            "$I": lambda: self._print(*core.build(self._build_info, "VZ" if self.homes_to_origin else "V")),
+            "$N": lambda: self._print(*(f"$N{i}={text}" for i, text in enumerate(self._startup))),
+            "$SLP": self._sleep,
+        }
 
-    def _execute_at_rest(self, line: str, now_s: float) -> int | None:
-        kind, rest = line[1], line[2:]
-        if kind == "#" and not rest:
-            return self._print(*core.parameters(self._offsets, self._settings.flag(INCHES)))
-        if kind == "H":
-            return self._home(now_s, rest)
-        if kind == "I" and not rest:
-            return self._print(*core.build(self._build_info, "VZ" if self.homes_to_origin else "V"))
-        if kind == "I" and rest.startswith("="):
-            self._build_info = rest[1:]
-            return 0
-        if line == "$N":
-            return self._print(*(f"$N{i}={text}" for i, text in enumerate(self._startup)))
-        if line == "$SLP":
-            self._sleep()
-            return None
-        if kind in "#ISR":
-            return INVALID_STATEMENT
-        return self._store_startup(rest) if kind == "N" else self._store(line[1:], now_s)
+    @cached_property
+    def _with_values(self) -> dict[str, Callable[[str], int | None]]:
+        """What executes lines that begin so, with the rest of the line."""
+        return {"$H": self._home, "$I=": self._store_build, "$N": self._store_startup}
 
-    def _store(self, text: str, now_s: float) -> int:
+    def _store(self, text: str) -> int:
         number = NUMBER.match(text)
         if number is None:
             return BAD_NUMBER
@@ -74,10 +73,14 @@ class GrblSystem(GrblRealtime):
             return INVALID_STATEMENT
         code = self._settings.store(int(float(number[0])), float(value[0]))
         self._planner.limits = self._settings.limits()
-        self._sync(now_s)
+        self._sync(self._scheduler.monotonic_s())
         if int(float(number[0])) == INCHES:
             self._reports.show_offset()
         return code
+
+    def _store_build(self, text: str) -> int:
+        self._build_info = text
+        return 0
 
     def _store_startup(self, text: str) -> int:
         number = NUMBER.match(text)
@@ -123,11 +126,12 @@ class GrblSystem(GrblRealtime):
         self._state = "Sleep"
         self._send("[MSG:Sleeping]")
 
-    def _home(self, now_s: float, rest: str) -> int | None:
+    def _home(self, rest: str) -> int | None:
         if not self._settings.flag(HOMING):
             return NO_HOMING
         if rest:
             return INVALID_STATEMENT
+        now_s = self._scheduler.monotonic_s()
         pieces, end_s, at_rest = homing_motion(self._settings, self.carriage_steps_at(now_s), now_s)
         self._planner.follow(pieces, at_rest, now_s)
         self._state = "Home"
