@@ -235,6 +235,8 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
     if writes_json():
         result = comparison_as_json(comparison, str(report), verdicts, places_as_json(at))
         result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
+        if measured:
+            result["deflection_text"] = " ".join(one.contents for one in measured)
         if (with_fingers := fingers_as_json(comparison)) is not None:
             result["fingers"] = with_fingers
         if with_warnings := warnings_as_json(runs):
@@ -242,6 +244,8 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
         print_json(result)
     else:
         _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))
+        for one in measured:
+            out.print(f"deflection  {one.contents}")
         if comparison.interpolated:
             out.print(
                 f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a full model of each"

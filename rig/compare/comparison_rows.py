@@ -314,6 +314,7 @@ class CompareJson(Output):
     answers: list[AnswerJson]
     recordings: NotRequired[list[RecordingJson]]
     clock_shift: NotRequired[ClockShiftJson | None]
+    deflection_text: NotRequired[str]
     places: list[PlaceJson]
     fingers: NotRequired[PlausibleFingersJson]
     phases: NotRequired[list[PhaseJson]]

@@ -264,6 +264,16 @@ class Deflection:
     z_mm: Array
     deflection_mm: Array
 
+    @property
+    def contents(self) -> str:
+        """What was read: the depth, the points, their places, and the range of the deflections."""
+        depth = "" if math.isnan(self.doi_mm) else f"DOI {self.doi_mm:g} mm: "
+        down_mm, z_mm = self.deflection_mm, self.z_mm
+        return (
+            f"{depth}{number_of(len(z_mm), 'points')} from z = {z_mm.min():g} to {z_mm.max():g} mm, "
+            f"{down_mm.min():.4g} to {down_mm.max():.4g} mm downward, most at z = {z_mm[down_mm.argmax()]:g} mm."
+        )
+
 
 def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
     """Return the simulated deflection at every hold of an indentor across the finger; none for other indentors."""
@@ -323,7 +333,7 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         text += (
             f" {number_of(beside, 'points')} beside the patch of the model {'is' if beside == 1 else 'are'} left out."
         )
-    text += f"\n\nMeasured: {source}." if source else ""
+    text += f"\n\nMeasured: {source}. " * bool(source) + " ".join(one.contents for one in measured)
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (deflections(profiles, measured),))
 

@@ -17,6 +17,7 @@ from rig.report.recording_sections import read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
+from tests.program import Program, text_of_page
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +103,22 @@ def test_a_mean_below_the_points_of_each_depth_is_refused(tmp_path: Path) -> Non
         read_deflections(path)
 
 
+def test_page_terminal_and_json_state_what_was_read_of_a_deflection(
+    line_run: Run, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.cli.compare.stimulus_maps", lambda *_: [])
+    path, page = tmp_path / "mine.csv", tmp_path / "page.html"
+    path.write_text("z_mm,deflection_mm,doi_mm\n5,0.1216,0.5\n6,0.2882,0.5\n7,0.58,0.5\n", encoding="utf-8")
+    words = ("compare", line_run.folder.path, "--deflection", path, "--out", page)
+    said = "DOI 0.5 mm: 3 points from z = 5 to 7 mm, 0.1216 to 0.58 mm downward, most at z = 7 mm."
+    assert f"deflection  {said}" in program(*words).out
+    assert said in text_of_page(page.read_text(encoding="utf-8"))
+    assert program(*words, "--json").json["deflection_text"] == said
+
+
 @pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
 def test_points_before_the_proximal_edge_are_refused(read: Callable[[Path], object], tmp_path: Path) -> None:
     path = tmp_path / "from_the_middle.csv"
-    path.write_text("z_mm,deflection_mm\n-4,0.1\n0,0.4\n4,0.1\n", encoding="utf-8")
+    path.write_text("z_mm,deflection_mm\n-4,0.1\n0,0.5\n4,0.1\n", encoding="utf-8")
     with raises(RecordingError, "no_number", row=2, column="z_mm"):
         read(path)
