@@ -52,6 +52,7 @@ class LastKnown(BaseModel):
     contact: KnownContact | None = None
     lifted_unix_s: float = 0.0  # when the indentor was last at clearance, by force or by a trusted position
     lifted_by_unix_s: float = 0.0  # when the command that lifted it had begun
+    contact_by_unix_s: float = 0.0  # when the command that recorded `contact` had begun
     manual_end: ManualEnd | None = None
 
     @property
@@ -149,7 +150,7 @@ class BenchMemory:
         if clear and known.kind == "raised":
             self._write(**lifted)
             return
-        self._write(contact=known, **lifted)
+        self._write(contact=known, contact_by_unix_s=self.began_unix_s, **lifted)
         if clear and known.may_touch and self.read().contact == before:
             with suppress(OSError):
                 self._path.unlink()  # possible even on a full disk

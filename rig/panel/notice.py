@@ -77,13 +77,13 @@ def standing_notice(run: LastRun | None, known: LastKnown) -> Notice | None:
     """
     end, contact = known.manual_end, known.contact
     aged = None if contact is None else contact.after(math.inf, trusted=known.left_at_mm is not None)
-    found, ended_s, lifted, moved = None, -math.inf, False, True
+    found, lifted, moved, left_by_it = None, False, True, False
     if end is not None and (run is None or end.unix_s > run.ended_s):
-        found, ended_s = _manual(end.status, end.reason, {} if aged is None else aged.as_json()), end.unix_s
-        lifted = known.lifted_unix_s > ended_s
+        found = _manual(end.status, end.reason, {} if aged is None else aged.as_json())
+        lifted, left_by_it = known.lifted_unix_s > end.unix_s, contact is not None and contact.unix_s <= end.unix_s
     elif run is not None:
-        found, ended_s, moved = run.attention(going=False, stopped=False), run.ended_s, run.moved
-        lifted = known.lifted_by_unix_s > ended_s
+        found, moved = run.attention(going=False, stopped=False), run.moved
+        lifted, left_by_it = known.lifted_by_unix_s > run.ended_s, known.contact_by_unix_s <= run.ended_s
     if lifted:
         found = None
     if contact is None or aged is None:
@@ -92,6 +92,6 @@ def standing_notice(run: LastRun | None, known: LastKnown) -> Notice | None:
         return found and found | {"where_text": aged.words}
     if found is None:
         return notice(IN_CONTACT, _NO_LIFT, aged.words, aged.to_do or HOME_FIRST)
-    if moved and contact.unix_s <= ended_s:
+    if moved and left_by_it:
         return found
     return found | {"where_text": aged.words, "next_text": aged.to_do or HOME_FIRST, "may_touch": True}

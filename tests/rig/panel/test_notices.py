@@ -61,10 +61,10 @@ RUNS = {
 
 @pytest.fixture
 def memory() -> BenchMemory:
-    """What the program knows of the bench, as a run leaves it that goes down to the finger."""
+    """What the program knows of the bench, as a run leaves it in contact, recorded just after its last entry."""
     found = BenchMemory(Config())
     found.began_unix_s = ENDED_S - 60.0
-    found.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S))
+    found.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S + 0.502))
     return found
 
 
@@ -117,6 +117,7 @@ def test_a_restarted_panel_shows_the_notice_of_a_run(
     assert (shown["status"], shown["may_touch"]) == (case.status, case.may_touch)
     assert case.reason in shown["reason_text"]
     assert (FREE_THE_FINGER in shown["next_text"]) is case.may_touch
+    assert all(shown["where_text"].startswith(end["indentor"]["left"]) for end in case.ends if case.may_touch)
     assert restarted(make, configured=configured) == shown
 
 
@@ -218,7 +219,7 @@ def test_a_touch_after_a_later_lift_is_noticed_alone(make: Make, memory: BenchMe
 
 def test_a_notice_names_where_a_later_command_has_left_the_indentor(make: Make, memory: BenchMemory) -> None:
     run_in(make().watcher.out, *RUNS["trip"].ends)
-    memory.touched(KnownContact("touching", 0.7, 1.25, -0.3, ENDED_S + 60.0))
+    BenchMemory(Config()).touched(KnownContact("touching", 0.7, 1.25, -0.3, ENDED_S + 60.0))
     found = restarted(make)
     assert found["status"] == "tripped"
     assert "x = 1.25 mm" in found["where_text"]
