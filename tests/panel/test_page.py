@@ -252,6 +252,32 @@ def test_a_second_tab_watches_until_it_takes_the_controls(bench: Bench, opened: 
     expect(first.locator("[data-post=pause]")).to_be_disabled()
     second.locator("[data-post=pause]").click()
     until(lambda: _of(one, "/pause"))
+    expect(second.locator("#said")).to_be_hidden()
+
+
+def test_a_request_that_waits_is_shown_and_not_repeated_and_a_refusal_stays(bench: Bench, opened: Opened) -> None:
+    one = bench(scenes.running("paused"))
+    one.state["run"]["state"] = "running"  # its journal runs on
+    page = _filled(one, opened)
+    words, mine = page.locator("#controls_words"), one.state["controls"]
+    expect(page.locator("#what")).to_contain_text(": paused")
+    one.state |= scenes.bench(controls=mine)
+    one.answers["/by_hand"] = (503, {"ok": False, "problem": "the port is in use", "code": "refused"})
+    one.answering.clear()
+    start = page.locator("[data-post=by_hand]")
+    start.click()
+    expect(words).to_have_attribute(*coded("asked"))
+    expect(start).to_be_disabled()
+    one.answering.set()
+    expect(page.locator("#said")).to_contain_text("the port is in use")
+    expect(start).to_be_enabled()
+    one.state |= scenes.by_hand(homed=False, zeroed=False, next="home the stage", busy="home") | {"controls": mine}
+    one.state["devices"]["stage"] |= {"word": "Home", "age_s": 4.0}
+    expect(words).to_have_text("busy: home; not homed; not zeroed")
+    expect(page.locator("#stage_words")).to_have_text("homing")
+    one.state["hand"] = None
+    expect(words).to_have_attribute(*coded("no_answer"))
+    expect(page.locator("[data-post=home]")).to_be_disabled()
 
 
 # --- manual control ---

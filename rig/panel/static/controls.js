@@ -70,7 +70,7 @@ export class Controls {
     if (what === "pause") return owner?.state !== "running" || Boolean(attention);
     if (what === "go_on") return owner?.state !== "paused" || Boolean(attention);
     if (what === "leave") return false;
-    return Boolean((hand?.stopped && what !== "home") || hand?.busy);
+    return Boolean(!hand || (hand.stopped && what !== "home") || hand.busy);
   }
 
   /** What the controls do now: pairs of code and words. */
@@ -87,7 +87,7 @@ export class Controls {
       if (!configured) return [["not_configured", "no process owns the ports; for manual control start rig panel --config TOML"]];
       return [attention?.may_touch ? ["after_contact", "first do what the notice says; then start manual control"] : ["free", "no process owns the ports"]];
     }
-    if (!hand) return [["starting", "starting manual control …"]];
+    if (!hand) return [["no_answer", "the process of manual control does not answer"]];
     const { busy } = hand;
     const parts = [
       ["busy", busy && `busy: ${busy}`],

@@ -305,16 +305,15 @@ class Runs {
 
   row(run) {
     const row = document.createElement("tr");
-    const first = element("th", run.date_utc.replace("T", " ").replace(/(\+00:00|Z)$/, ""));
+    const first = element("th", "");
     first.scope = "row";
+    const report = element("a", run.date_utc.replace("T", " ").replace(/(\+00:00|Z)$/, ""));
+    Object.assign(report, { href: `/runs/${encodeURIComponent(run.name)}/report.html`, target: "_blank", rel: "noopener" });
+    first.append(report);
     const shapes = run.shapes.length > 1 ? `${run.shapes[0]} and ${run.shapes.length - 1} more` : (run.shapes[0] ?? "–");
     const state = run.virtual ? `${run.state}, virtual` : run.state;
-    const cells = [run.protocol, run.subject || "–", shapes, `${run.done} of ${run.planned}`, state].map((words) => element("td", words));
-    const link = element("a", run.name);
-    Object.assign(link, { href: `/runs/${encodeURIComponent(run.name)}/report.html`, target: "_blank", rel: "noopener" });
-    const folder = document.createElement("td");
-    folder.append(link);
-    row.append(first, ...cells, folder);
+    const cells = [run.protocol, run.subject || "–", shapes, `${run.done} of ${run.planned}`, state, run.name];
+    row.append(first, ...cells.map((words) => element("td", words)));
     return row;
   }
 }
