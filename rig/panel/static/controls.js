@@ -18,8 +18,10 @@ export class Controls {
     this.latest = data;
   }
 
-  ask(button) {
-    return this.post(button, `/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
+  async ask(button) {
+    this.asked = button.firstChild.textContent.trim();
+    await this.post(button, `/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
+    this.asked = null;
   }
 
   /** A direction: one step a click, or a press of its key. */
@@ -30,11 +32,8 @@ export class Controls {
   }
 
   async post(button, path, body) {
-    const name = button.firstChild.textContent.trim();
-    this.asked = name;
     const answer = await post(path, body);
-    this.asked = null;
-    this.said(answer.ok ? "" : `${name}: ${answer.problem}`, answer.code);
+    this.said(answer.ok ? "" : `${button.firstChild.textContent.trim()}: ${answer.problem}`, answer.code);
   }
 
   /** One press, one step or one size: the repeats of a held key do nothing. */
