@@ -324,26 +324,20 @@ class Runs {
 class Theme {
   constructor(changed) {
     this.changed = changed;
-    const choice = localStorage.getItem("rig theme");
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.apply());
-    at("theme").addEventListener("click", () => this.choose(this.dark ? "light" : "dark"));
-    this.choose(choice === "light" || choice === "dark" ? choice : null);
-  }
-
-  get dark() {
-    const chosen = document.documentElement.dataset.theme;
-    return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  }
-
-  choose(theme) {
-    if (theme !== null) {
-      document.documentElement.dataset.theme = theme;
-      localStorage.setItem("rig theme", theme);
-    }
+    this.system = matchMedia("(prefers-color-scheme: dark)");
+    this.system.addEventListener("change", () => this.apply());
+    at("theme").addEventListener("click", () => this.apply(this.dark ? "light" : "dark"));
     this.apply();
   }
 
-  apply() {
+  get dark() {
+    const chosen = localStorage.getItem("rig theme");
+    return chosen ? chosen === "dark" : this.system.matches;
+  }
+
+  apply(chosen = null) {
+    if (chosen !== null) localStorage.setItem("rig theme", chosen);
+    document.documentElement.dataset.theme = this.dark ? "dark" : "light";
     at("theme").textContent = this.dark ? "Light" : "Dark";
     this.changed();
   }
