@@ -30,6 +30,11 @@ def gathered(read: Callable[[], bytes], whole: Callable[[bytes], bool]) -> bytes
     return bytes(heard)
 
 
+def read_too_late(said: str) -> bool:
+    """Whether a busy machine solved the finger too late: the balance was busy, or silent, or answered late."""
+    return any(words in said for words in ("no force reading", "the force reading took"))
+
+
 def journal_says(folder: Path, words: str) -> Callable[[], bool]:
     """Whether a run in one of the folders in `folder` has journalled these words, for until()."""
     return lambda: any(words in path.read_text(encoding="utf-8") for path in folder.glob("*/events.jsonl"))

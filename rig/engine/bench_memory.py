@@ -51,6 +51,8 @@ class LastKnown(BaseModel):
     left_at_mm: tuple[float, float, float] | None = None
     contact: KnownContact | None = None
     lifted_unix_s: float = 0.0  # when the indentor was last at clearance, by force or by a trusted position
+    lifted_by_unix_s: float = 0.0  # when the command that lifted it had begun
+    contact_by_unix_s: float = 0.0  # when the command that recorded `contact` had begun
     manual_end: ManualEnd | None = None
 
     @property
@@ -81,10 +83,11 @@ _NO_ZERO: Mapping[str, object] = {
 
 
 class BenchMemory:
-    """File of one bench, identified by its ports."""
+    """File of one bench, identified by its ports; a command that moves opens it before its first motion, once."""
 
     def __init__(self, settings: BenchSettings) -> None:
         ports = " ".join((*stage_ports(settings.stage), settings.force.port))
+        self.began_unix_s = WallClock().unix_s()
         self._path = state_folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
         scale = settings.calibration.value("force_scale", 1.0)
         self._sensor = sha256(f"{settings.force.model_dump_json()} {scale!r}".encode()).hexdigest()[:16]
@@ -142,11 +145,12 @@ class BenchMemory:
         """
         last = self.read()
         before, clear = last.contact, last.is_lifted
-        lifted = {"lifted_unix_s": known.unix_s} if known.kind in ("lifted", "raised") else {}
+        lifted = {"lifted_unix_s": known.unix_s, "lifted_by_unix_s": self.began_unix_s}
+        lifted = lifted if known.kind in ("lifted", "raised") else {}
         if clear and known.kind == "raised":
             self._write(**lifted)
             return
-        self._write(contact=known, **lifted)
+        self._write(contact=known, contact_by_unix_s=self.began_unix_s, **lifted)
         if clear and known.may_touch and self.read().contact == before:
             with suppress(OSError):
                 self._path.unlink()  # possible even on a full disk

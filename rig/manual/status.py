@@ -46,21 +46,11 @@ class Backlog:
         self._total += 1
 
     def since(self, number: int) -> dict[str, Any]:
-        """Return readings from this number on (0: all), at most AT_A_TIME, and the number of the next one.
-
-        more: whether more are available. lost: number of requested readings that are no longer stored.
-        """
+        """Return readings from this number on (0: all), at most AT_A_TIME, and the number of the next one."""
         first = self._total - len(self._rows)
         start = min(max(number, first), self._total)
         rows = list(islice(self._rows, start - first, start - first + AT_A_TIME))
-        onward = start + len(rows)
-        return {
-            "columns": COLUMNS,
-            "rows": rows,
-            "next": onward,
-            "more": onward < self._total,
-            "lost": first - number if 0 < number < first else 0,
-        }
+        return {"columns": COLUMNS, "rows": rows, "next": start + len(rows)}
 
 
 NO_FORCE = "nothing moves while the force sensor does not answer"

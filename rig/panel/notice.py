@@ -21,14 +21,13 @@ IN_CONTACT = "in contact"
 
 _THEN_HOME = "then home: nothing else moves before, and homing starts with a lift"
 _NO_LIFT = "no lift is on record after the last motion"
-_AFTER_S = 1.0  # A command that follows takes longer to start; a journal and the record of contact take less.
 
 
 class LastRun(Protocol):
     """Last run on the rig, whose process has gone (rig/panel/run_view.py: RunView)."""
 
     @property
-    def written_s(self) -> float: ...
+    def ended_s(self) -> float: ...
     @property
     def moved(self) -> bool: ...
     def attention(self, *, going: bool, stopped: bool) -> Notice | None: ...
@@ -72,17 +71,20 @@ def _manual(status: str, reason: str, contact: Mapping[str, Any]) -> Notice:
 def standing_notice(run: LastRun | None, known: LastKnown) -> Notice | None:
     """Return the notice while no process owns the rig. run: the last one on the rig. known: the record of the rig.
 
-    The later ending counts, of the run or under manual control, unless the indentor was lifted since. Where a later
-    command has left the finger pressed, or the run has moved nothing, the record says where the indentor is.
+    The later ending counts, of the run or under manual control, unless the indentor was lifted since: after a run by
+    a command that began later. Where a later command has left the finger pressed, or the run has moved nothing, the
+    record says where the indentor is.
     """
     end, contact = known.manual_end, known.contact
     aged = None if contact is None else contact.after(math.inf, trusted=known.left_at_mm is not None)
-    found, ended_s, moved = None, -math.inf, True
-    if end is not None and (run is None or end.unix_s > run.written_s):
-        found, ended_s = _manual(end.status, end.reason, {} if aged is None else aged.as_json()), end.unix_s
+    found, lifted, moved, left_by_it = None, False, True, False
+    if end is not None and (run is None or end.unix_s > run.ended_s):
+        found = _manual(end.status, end.reason, {} if aged is None else aged.as_json())
+        lifted, left_by_it = known.lifted_unix_s > end.unix_s, contact is not None and contact.unix_s <= end.unix_s
     elif run is not None:
-        found, ended_s, moved = run.attention(going=False, stopped=False), run.written_s, run.moved
-    if moved and known.lifted_unix_s > ended_s + _AFTER_S:
+        found, moved = run.attention(going=False, stopped=False), run.moved
+        lifted, left_by_it = known.lifted_by_unix_s > run.ended_s, known.contact_by_unix_s <= run.ended_s
+    if lifted:
         found = None
     if contact is None or aged is None:
         return found
@@ -90,6 +92,6 @@ def standing_notice(run: LastRun | None, known: LastKnown) -> Notice | None:
         return found and found | {"where_text": aged.words}
     if found is None:
         return notice(IN_CONTACT, _NO_LIFT, aged.words, aged.to_do or HOME_FIRST)
-    if moved and contact.unix_s <= ended_s + _AFTER_S:
+    if moved and left_by_it:
         return found
     return found | {"where_text": aged.words, "next_text": aged.to_do or HOME_FIRST, "may_touch": True}

@@ -101,6 +101,7 @@ class RunView(RunFollower):
         self._journal = Following(self.folder)
         self._config: Config | None = None
         self._checked_s = self._written_s = 0.0
+        self.ended_s = 0.0  # time of the last entry by its own clock, which a server's need not follow
         self._trip = ""  # its reason
         self._placed_s: float | None = None  # when the position was last recorded
 
@@ -155,6 +156,7 @@ class RunView(RunFollower):
     def apply(self, document: Document) -> None:
         """Apply the next document; a virtual run has its own calendar, so its events count when they were written."""
         at_s = self._written_s
+        self.ended_s = document.get("unix_s", at_s)
         document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
         if document["doc"] == "resume":
             self._trip = ""
@@ -199,11 +201,6 @@ class RunView(RunFollower):
     def config(self) -> Config | None:
         """The run's own copy of its configuration."""
         return self._config
-
-    @property
-    def written_s(self) -> float:
-        """When the journal was last written to (s since 1970)."""
-        return written_s(self.folder.path)
 
     @property
     def moved(self) -> bool:

@@ -68,13 +68,18 @@ class Reserve:
             while not self._stops and len(self._spare) < _SPARE:
                 self._spare.append(os.open(os.devnull, os.O_RDONLY))
 
+    def release(self) -> None:
+        """Close half for new connections; the other half stays for a stop."""
+        with self._lock:
+            self._close(_SPARE // 2)
+
     def close(self) -> None:
         """Close all, until they are filled again."""
         with self._lock:
             self._close()
 
-    def _close(self) -> None:
-        while self._spare:
+    def _close(self, remaining: int = 0) -> None:
+        while len(self._spare) > remaining:
             os.close(self._spare.pop())
 
 
@@ -192,7 +197,7 @@ class Server(uvicorn.Server):
     def _note(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Log an error of the loop; where it could not accept a connection, free descriptors for its next try."""
         if getattr(context.get("exception"), "errno", None) in (errno.EMFILE, errno.ENFILE):
-            self._reserve.close()
+            self._reserve.release()
         loop.default_exception_handler(context)
 
 

@@ -146,19 +146,24 @@ def test_a_stop_is_answered_while_another_request_takes_its_time() -> None:
 
 
 def test_a_stop_waits_for_its_place_behind_many_clients(monkeypatch: pytest.MonkeyPatch) -> None:
-    free, accept = threading.Event(), PrivateListener.accept
+    free, trying, accept = threading.Event(), threading.Event(), PrivateListener.accept
 
     def late(listener: PrivateListener, patience_s: float) -> Any:
         assert free.wait(DEADLINE_S)
         return accept(listener, patience_s)
 
+    def tried(address: str, within_s: float) -> Any:
+        trying.set()
+        return connected(address, within_s)
+
     monkeypatch.setattr(PrivateListener, "accept", late)
+    monkeypatch.setattr(announcements, "connected", tried)
     monkeypatch.setattr(control_connection, "_BACKLOG", 0)  # a place for one
     replies: list[object] = []
     with _owner(stop=lambda _: {"stopped": True}), closing(_raw(_only())):
         asking = threading.Thread(target=lambda: replies.append(_only().ask("stop", within_s=DEADLINE_S)))
         asking.start()
-        asking.join(0.1)
+        assert trying.wait(DEADLINE_S)
         free.set()
         asking.join(DEADLINE_S)
     assert replies == [{"ok": True, "stopped": True}]

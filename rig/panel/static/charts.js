@@ -90,6 +90,7 @@ export function top(before, ...columns) {
 
 const SHIFT_S = 10; // The axis moves in steps of this length, because moving labels are hard to read.
 const FONT = "13px system-ui, sans-serif";
+const [AXIS, LABEL] = [54, 20]; // widths; left free where there is no axis, so that equal times stand above each other
 const color = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export class Traces {
@@ -166,7 +167,7 @@ export class Traces {
 
   chart(id, series, scales, axes, force, after = () => {}) {
     const hooks = { draw: [(plot) => (force && this.drawTrip(plot, this.tops[force]), after(plot))] };
-    const how = { cursor: { show: false }, legend: { show: false }, padding: [8, force ? 0 : 14, 0, 0], hooks };
+    const how = { cursor: { show: false }, legend: { show: false }, padding: [8, force ? 0 : AXIS + LABEL, 0, 0], hooks };
     return new uPlot({ width: 300, height: 180, scales, series, axes, ...how }, series.map(() => []), at(id));
   }
 
@@ -178,11 +179,11 @@ export class Traces {
 
   across(unit) {
     const line = { stroke: () => color("--faint"), width: 1 };
-    return { size: 28, stroke: () => color("--ink"), grid: line, ticks: line, font: FONT, label: unit, labelFont: FONT, labelSize: 20, labelGap: 2 };
+    return { size: 28, stroke: () => color("--ink"), grid: line, ticks: line, font: FONT, label: unit, labelFont: FONT, labelSize: LABEL, labelGap: 2 };
   }
 
   axis(unit) {
-    return { ...this.across(unit), size: 54 };
+    return { ...this.across(unit), size: AXIS };
   }
 
   line(name, width) {

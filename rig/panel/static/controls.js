@@ -3,11 +3,12 @@
 import { at, post, show, write } from "/static/stop.js";
 
 export class Controls {
-  /** said(words, code, bad): shows the server's reply; mine(): whether this tab has control and the server responds. */
+  /** said(words, code): shows a refusal, or hides the last one; mine(): whether this tab has control and the server responds. */
   constructor(said, mine) {
     this.said = said;
     this.mine = mine;
     this.latest = null;
+    this.asked = null; // the button whose request has no reply yet
     for (const button of document.querySelectorAll("[data-post]")) button.addEventListener("click", () => this.ask(button));
     for (const button of at("directions").children) button.addEventListener("click", () => this.step(button));
     window.addEventListener("keydown", (event) => this.keyDown(event));
@@ -18,17 +19,21 @@ export class Controls {
   }
 
   async ask(button) {
-    const name = button.firstChild.textContent.trim();
-    const answer = await post(`/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
-    this.said(`${name}: ${answer.ok ? (answer.words ?? "accepted") : answer.problem}`, answer.ok ? "understood" : answer.code, !answer.ok);
+    this.asked = button.firstChild.textContent.trim();
+    await this.post(button, `/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
+    this.asked = null;
   }
 
   /** A direction: one step a click, or a press of its key. */
-  async step(button) {
+  step(button) {
     const by_mm = Number(document.querySelector("input[name=size]:checked").value);
     const { axis, sign } = button.dataset;
-    const answer = await post("/step", { axis, sign: Number(sign), by_mm, unix_s: Date.now() / 1000 });
-    if (!answer.ok) this.said(`${button.firstChild.textContent.trim()}: ${answer.problem}`, answer.code, true);
+    return this.post(button, "/step", { axis, sign: Number(sign), by_mm, unix_s: Date.now() / 1000 });
+  }
+
+  async post(button, path, body) {
+    const answer = await post(path, body);
+    this.said(answer.ok ? "" : `${button.firstChild.textContent.trim()}: ${answer.problem}`, answer.code);
   }
 
   /** One press, one step or one size: the repeats of a held key do nothing. */
@@ -51,8 +56,8 @@ export class Controls {
     show("idle_controls", latest !== null && kind === null && latest.configured);
     at("idle_controls").dataset.after = latest?.attention?.may_touch ? "contact" : "";
     show("zero_anyway", latest?.hand?.did === "zero" && latest.hand.ended_by !== null);
-    for (const button of document.querySelectorAll("[data-post]")) button.disabled = !may || this.refused(button.dataset.post);
-    for (const button of at("directions").children) button.disabled = !may || this.refused("step");
+    for (const button of document.querySelectorAll("[data-post]")) button.disabled = !may || this.asked !== null || this.refused(button.dataset.post);
+    for (const button of at("directions").children) button.disabled = !may || this.asked !== null || this.refused("step");
     const parts = this.saying(kind);
     write("controls_words", parts.map(([, words]) => words).join("; "), parts.map(([code]) => code).join(" "));
   }
@@ -64,11 +69,12 @@ export class Controls {
     if (what === "pause") return owner?.state !== "running" || Boolean(attention);
     if (what === "go_on") return owner?.state !== "paused" || Boolean(attention);
     if (what === "leave") return false;
-    return Boolean(hand?.stopped && what !== "home") || Boolean(hand?.busy);
+    return Boolean(!hand || (hand.stopped && what !== "home") || hand.busy);
   }
 
   /** What the controls do now: pairs of code and words. */
   saying(kind) {
+    if (this.asked !== null) return [["asked", `${this.asked} …`]];
     if (this.latest === null) return [["waiting", "no controls available yet"]];
     const { owner, hand, configured, attention, run } = this.latest;
     if (kind === "run") {
@@ -80,15 +86,16 @@ export class Controls {
       if (!configured) return [["not_configured", "no process owns the ports; for manual control start rig panel --config TOML"]];
       return [attention?.may_touch ? ["after_contact", "first do what the notice says; then start manual control"] : ["free", "no process owns the ports"]];
     }
-    if (!hand) return [["starting", "starting manual control …"]];
+    if (!hand) return [["no_answer", "the process of manual control does not answer"]];
+    const { busy } = hand;
     const parts = [
-      ["busy", hand.busy && `busy: ${hand.busy}`],
-      ["ended", !attention && hand.ended_by], // else the notice has it, and what follows
+      ["busy", busy && `busy: ${busy}`],
+      ["ended", !attention && !busy && hand.ended_by], // else the notice has it, and what follows
       ["contact", !attention && hand.contact?.may_touch && hand.contact.where_text],
-      ["next", !attention && hand.next],
+      ["next", !attention && !busy && hand.next],
       ["stopped", hand.stopped && "stopped: only Home moves"],
-      ["not_homed", !hand.homed && !hand.next && "not homed"],
-      ["not_zeroed", !hand.zeroed && "not zeroed"],
+      ["not_homed", !hand.homed && (busy || !hand.next) && "not homed"],
+      ["not_zeroed", !hand.zeroed && (busy || !hand.homed) && "not zeroed"], // else `next` has it
     ].filter(([, words]) => words);
     return parts.length ? parts : [["by_hand", "manual control"]];
   }

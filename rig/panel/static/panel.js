@@ -6,7 +6,7 @@ import { at, hasToken, options, post, show, tab, write } from "/static/stop.js";
 
 const OLD_S = 1;
 const EVENTS = ["state", "readings", "schedule", "section"];
-const [LOOK_MS, AGAIN_MS, SAID_MS, LOST_S, SILENT_S] = [100, 500, 10_000, 5, 1.5]; // the server sends its state ten times a second
+const [LOOK_MS, AGAIN_MS, LOST_S, SILENT_S] = [100, 500, 5, 1.5]; // the server sends its state ten times a second
 
 // --- numbers in words ---
 
@@ -181,7 +181,7 @@ class Numbers {
     mark(document.body, "old", old);
     mark(document.body, "unread", read === null);
     if (read === null) write("read_at", "no reading yet", "unread");
-    else if (old) write("read_at", `NOT LIVE: read at ${since(read)}`, "old");
+    else if (old) write("read_at", `NOT LIVE: ${since(read)}`, "old");
     else write("read_at", "live", "live");
     for (const veil of this.veils) {
       veil.currentTime = read === null ? 0 : Math.min(read.age_s, OLD_S) * 1000;
@@ -193,9 +193,10 @@ class Numbers {
   /** The last status of a device; of an old one its time. */
   device(name, id) {
     const one = this.devices[name];
-    const old = Boolean(one?.seen && one.seen.age_s > OLD_S);
+    const old = Boolean(one?.seen && one.seen.age_s > OLD_S && one.word !== "Home");
     mark(at(id), "warn", old);
     if (!one) return write(id, "–");
+    if (one.word === "Home") return write(id, "homing"); // without reports until its end
     const homed = typeof one.homed !== "boolean" || !one.seen || one.word === "homed" ? "" : one.homed ? ", homed" : ", not homed";
     if (name === "force" && old && one.word === "reads") return write(id, `no reading since ${since(one.seen)}`);
     write(id, `${one.word ?? "–"}${homed}${old ? `, ${since(one.seen)}` : ""}`);
@@ -231,7 +232,7 @@ class Schedule {
     const text = [words, marks].filter(Boolean).join(" · ");
     if (row.dataset.shown === `${state} ${text}`) return;
     row.dataset.shown = `${state} ${text}`;
-    row.replaceChildren(element("span", state), ` ${text}`);
+    row.replaceChildren(element("span", state), element("div", text));
     mark(row, "done", Boolean(done) && !now);
     if (now) row.setAttribute("aria-current", "step");
     else row.removeAttribute("aria-current");
@@ -304,16 +305,15 @@ class Runs {
 
   row(run) {
     const row = document.createElement("tr");
-    const first = element("th", run.date_utc.replace("T", " ").replace(/(\+00:00|Z)$/, ""));
+    const first = element("th", "");
     first.scope = "row";
+    const report = element("a", run.date_utc.replace("T", " ").replace(/(\+00:00|Z)$/, ""));
+    Object.assign(report, { href: `/runs/${encodeURIComponent(run.name)}/report.html`, target: "_blank", rel: "noopener" });
+    first.append(report);
     const shapes = run.shapes.length > 1 ? `${run.shapes[0]} and ${run.shapes.length - 1} more` : (run.shapes[0] ?? "–");
     const state = run.virtual ? `${run.state}, virtual` : run.state;
-    const cells = [run.protocol, run.subject || "–", shapes, `${run.done} of ${run.planned}`, state].map((words) => element("td", words));
-    const link = element("a", run.name);
-    Object.assign(link, { href: `/runs/${encodeURIComponent(run.name)}/report.html`, target: "_blank", rel: "noopener" });
-    const folder = document.createElement("td");
-    folder.append(link);
-    row.append(first, ...cells, folder);
+    const cells = [run.protocol, run.subject || "–", shapes, `${run.done} of ${run.planned}`, state, run.name];
+    row.append(first, ...cells.map((words) => element("td", words)));
     return row;
   }
 }
@@ -324,32 +324,26 @@ class Runs {
 class Theme {
   constructor(changed) {
     this.changed = changed;
-    const choice = localStorage.getItem("rig theme");
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.apply());
-    at("theme").addEventListener("click", () => this.choose(this.dark ? "light" : "dark"));
-    this.choose(choice === "light" || choice === "dark" ? choice : null);
-  }
-
-  get dark() {
-    const chosen = document.documentElement.dataset.theme;
-    return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  }
-
-  choose(theme) {
-    if (theme !== null) {
-      document.documentElement.dataset.theme = theme;
-      localStorage.setItem("rig theme", theme);
-    }
+    this.system = matchMedia("(prefers-color-scheme: dark)");
+    this.system.addEventListener("change", () => this.apply());
+    at("theme").addEventListener("click", () => this.apply(this.dark ? "light" : "dark"));
     this.apply();
   }
 
-  apply() {
+  get dark() {
+    const chosen = localStorage.getItem("rig theme");
+    return chosen ? chosen === "dark" : this.system.matches;
+  }
+
+  apply(chosen = null) {
+    if (chosen !== null) localStorage.setItem("rig theme", chosen);
+    document.documentElement.dataset.theme = this.dark ? "dark" : "light";
     at("theme").textContent = this.dark ? "Light" : "Dark";
     this.changed();
   }
 }
 
-let [state, taking, saying] = [null, false, null];
+let [state, taking] = [null, false];
 const loaded_unix_s = Date.now() / 1000;
 const mine = () => hasToken() && state?.controls === tab;
 const traces = new Traces();
@@ -394,7 +388,8 @@ function what() {
   if (feed.silent) return feed.heard === null ? write("what", "waiting for the panel's server", "not_answered_yet") : write("what", "no server", "lost");
   const { owner, run, notice, problem, attention, others = [] } = state ?? {};
   const kind = owner?.kind === "by hand" ? "manual control" : (owner?.kind ?? "nothing is running");
-  const doing = run && (owner?.kind === "run" || !owner) ? `${run.name}: ${attention?.status ?? run.state}` : kind;
+  const live = run?.state === "running" && owner?.state === "paused" ? "paused" : run?.state; // the journal runs on
+  const doing = run && (owner?.kind === "run" || !owner) ? `${run.name}: ${attention?.status ?? live}` : kind;
   const bench = (owner?.virtual ?? run?.virtual) ? "virtual bench" : null;
   const others_in_words = others.map((one) => `process ${one.pid} has ${one.ports.join(", ")}, another rig; STOP stops it, too`);
   const words = [doing, run?.subject && `subject ${run.subject}`, bench, notice, run?.deviation, run?.problem, problem, ...others_in_words];
@@ -419,12 +414,10 @@ function attend(attention) {
   show("attention_resume_row", Boolean(attention.resume));
 }
 
-function said(words, code, bad) {
-  write("said", `${timeOfDay(Date.now() / 1000)} ${words}`, code);
-  mark(at("said"), "bad", bad);
-  show("said", true);
-  clearTimeout(saying);
-  if (!bad) saying = setTimeout(() => show("said", false), SAID_MS);
+/** Show what the server refuses, until it accepts a request. */
+function said(words, code) {
+  show("said", words !== "");
+  if (words !== "") write("said", `${timeOfDay(Date.now() / 1000)} ${words}`, code ?? "refused");
 }
 
 function view() {
@@ -440,7 +433,7 @@ function view() {
 
 at("take").addEventListener("click", async () => {
   const answer = await post("/take");
-  if (!answer.ok) said(`Take control: ${answer.problem}`, answer.code, true);
+  said(answer.ok ? "" : `Take control: ${answer.problem}`, answer.code);
 });
 window.addEventListener("hashchange", view);
 view();

@@ -61,14 +61,20 @@ RUNS = {
 
 @pytest.fixture
 def memory() -> BenchMemory:
-    """What the program knows of the bench, as a run leaves it that goes down to the finger."""
+    """What the program knows of the bench, as a run leaves it in contact, recorded just after its last entry."""
     found = BenchMemory(Config())
-    found.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S))
+    found.began_unix_s = ENDED_S - 60.0
+    found.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S + 0.502))
     return found
 
 
+def dated(*documents: dict[str, Any]) -> list[dict[str, Any]]:
+    """Documents of the end of a run."""
+    return [{"unix_s": ENDED_S + 0.5, **one} for one in documents]
+
+
 def run_in(out: Path, *documents: dict[str, Any], name: str = "20260101-run", virtual: bool = False) -> Path:
-    run = journal(out / name, {**START, "virtual": virtual}, sample(1.5), *documents)
+    run = journal(out / name, *dated({**START, "virtual": virtual}, sample(1.5), *documents))
     (run / "config.toml").write_text(Config().as_toml(), encoding="utf-8")
     return at_rest(run)
 
@@ -101,7 +107,7 @@ def test_a_restarted_panel_shows_the_notice_of_a_run(
     run = run_in(watcher.out)
     panel.owners.append(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}}))
     assert notice(watcher) is None
-    journal(run, *case.ends)
+    journal(run, *dated(*case.ends))
     with (run / "events.jsonl").open("a", encoding="utf-8") as file:
         file.write(case.tail)
     at_rest(run)
@@ -111,6 +117,7 @@ def test_a_restarted_panel_shows_the_notice_of_a_run(
     assert (shown["status"], shown["may_touch"]) == (case.status, case.may_touch)
     assert case.reason in shown["reason_text"]
     assert (FREE_THE_FINGER in shown["next_text"]) is case.may_touch
+    assert all(shown["where_text"].startswith(end["indentor"]["left"]) for end in case.ends if case.may_touch)
     assert restarted(make, configured=configured) == shown
 
 
@@ -158,20 +165,61 @@ def test_a_restarted_panel_shows_the_notice_of_manual_control(
         assert "then home" in shown["next_text"] or shown["next_text"] == HOME_FIRST
 
 
-def test_a_notice_ends_once_the_rig_has_homed_or_lifted(make: Make, memory: BenchMemory) -> None:
+MOVED_NOTHING: dict[str, Any] = {
+    "doc": "stop", "status": "limited", "reason": "too deep", "indentor": {"left": "not moved"},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Lift:
+    """A lift after the last entry of a run, or before it, and whether a notice stands then."""
+
+    after_s: float
+    by_another: bool
+    stands: bool
+    behind_s: float = 0.0  # the clock of the server that dates the files
+
+
+LIFTS = {
+    "the run's own, before its end": Lift(-2.0, by_another=False, stands=True),
+    "the run's own, before its end, on a server whose clock lags": Lift(-2.0, False, stands=True, behind_s=60.0),
+    "the run's own, a while after its last entry": Lift(3.0, by_another=False, stands=True),
+    "of a later command": Lift(60.0, by_another=True, stands=False),
+    "of a later command, on a server whose clock is ahead": Lift(60.0, True, stands=False, behind_s=-600.0),
+}
+
+
+@pytest.mark.parametrize("lift", LIFTS.values(), ids=LIFTS)
+@pytest.mark.parametrize(
+    ("ends", "status"),
+    [(RUNS["trip"].ends, "tripped"), ((), "killed"), ((MOVED_NOTHING,), "limited")],
+    ids=["trip", "kill", "moved nothing"],
+)
+@pytest.mark.parametrize("kind", ["lifted", "raised"])
+def test_a_notice_ends_once_another_command_has_homed_or_lifted(
+    kind: Any, ends: tuple[dict[str, Any], ...], status: str, lift: Lift, make: Make, memory: BenchMemory
+) -> None:
+    run = run_in(make().watcher.out, *ends)
+    assert restarted(make)["status"] == status
+    of = BenchMemory(Config()) if lift.by_another else memory
+    of.touched(KnownContact(kind, 0.0, 0.5, 3.0, ENDED_S + 0.5 + lift.after_s))
+    at_rest(run, ENDED_S + 0.5 - lift.behind_s)
+    found = restarted(make)
+    assert (found and found["status"]) == (status if lift.stands else None)
+
+
+def test_a_touch_after_a_later_lift_is_noticed_alone(make: Make, memory: BenchMemory) -> None:
     run_in(make().watcher.out, *RUNS["trip"].ends)
-    assert restarted(make)["status"] == "tripped"
-    for kind in ("lifted", "raised"):
-        memory.touched(KnownContact(kind, 0.0, 0.5, 3.0, ENDED_S + 60.0))  # type: ignore[arg-type]
-        assert restarted(make) is None
-    memory.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S + 120.0))
+    later = BenchMemory(Config())
+    later.touched(KnownContact("lifted", 0.0, 0.5, 3.0, ENDED_S + 60.0))
+    later.touched(KnownContact("touching", 1.5, 0.5, -0.1, ENDED_S + 120.0))
     found = restarted(make)
     assert (found["status"], found["may_touch"]) == ("in contact", True), "the trip is over, but not this touch"
 
 
 def test_a_notice_names_where_a_later_command_has_left_the_indentor(make: Make, memory: BenchMemory) -> None:
     run_in(make().watcher.out, *RUNS["trip"].ends)
-    memory.touched(KnownContact("touching", 0.7, 1.25, -0.3, ENDED_S + 60.0))
+    BenchMemory(Config()).touched(KnownContact("touching", 0.7, 1.25, -0.3, ENDED_S + 60.0))
     found = restarted(make)
     assert found["status"] == "tripped"
     assert "x = 1.25 mm" in found["where_text"]
@@ -180,8 +228,7 @@ def test_a_notice_names_where_a_later_command_has_left_the_indentor(make: Make, 
 def test_a_run_that_moved_nothing_does_not_hide_that_the_finger_may_be_pressed(
     make: Make, memory: BenchMemory
 ) -> None:
-    at = {"left": "not moved"}
-    run_in(make().watcher.out, {"doc": "stop", "status": "limited", "reason": "too deep", "indentor": at})
+    run_in(make().watcher.out, MOVED_NOTHING)
     found = restarted(make)
     assert (found["status"], found["reason_text"], found["may_touch"]) == ("limited", "too deep", True)
     assert "x = 0.50 mm" in found["where_text"]
@@ -200,7 +247,7 @@ def test_only_the_last_run_of_the_rig_gives_a_notice(other: str, make: Make) -> 
     elif other == "a run that was done":
         (newer / "events.jsonl").unlink()
         done = {"doc": "stop", "status": "done", "indentor": LIFTED}
-        journal(newer, {**START, "virtual": False, "planned_indentations": 0}, done)
+        journal(newer, *dated({**START, "virtual": False, "planned_indentations": 0}, done))
     at_rest(newer, ENDED_S + 9.0)
     found = restarted(make)
     assert (found and found["status"]) == (None if other == "a run that was done" else "tripped"), older

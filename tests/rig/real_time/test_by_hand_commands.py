@@ -10,6 +10,7 @@ from rig.bench.served import ServedBench
 from rig.engine.bench_memory import BenchMemory
 from rig.plan.config import load_config
 from rig.units import GWT_N
+from tests.waiting import read_too_late, repeated
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
@@ -28,11 +29,11 @@ def jog(rig: Rig, config: Path, by_mm: float, *more: str) -> Any:
 
 def down_to_the_finger(rig: Rig, config: Path) -> Any:
     """As a person would: where a busy machine solves the finger too late for the balance, press again."""
-    for _ in range(10):
+    for _ in repeated(0.0):
         ended = jog(rig, config, -2.0 if ended_at(rig, config) > -2.5 else -0.5)
-        if ended.code and "cannot answer SI now" not in ended.err:
+        if ended.code and not read_too_late(ended.err):
             return ended
-    raise AssertionError("ten times no reading")
+    raise AssertionError
 
 
 def ended_at(rig: Rig, config: Path) -> float:
