@@ -109,7 +109,7 @@ class MtSicsForce:
             raise no_line(
                 self._transport.name,
                 self._reader.unended,
-                f"the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",
+                f"the balance did not answer {command} within {timeout_s:.2g} s; check the power and the cable",
                 "no_reply",
             )
         words = line.split()
