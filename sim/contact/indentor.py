@@ -115,7 +115,7 @@ class Indentor(ABC):
 
     @property
     def corners_only(self) -> bool:
-        """Whether that is needed only where the surface turns within less than the spacing of nodes."""
+        """Whether that is needed only where the surface turns within less than the spacing of nodes, but in faces too."""
         return False
 
     @property
@@ -294,10 +294,7 @@ class Revolved(_OfProfile):
 
     axes = BOTH
 
-    @property
-    def between_nodes(self) -> bool:
-        """Whether contact is enforced between nodes too: never for round shapes."""
-        return False
+    corners_only = True
 
     def turned(self, turn_deg: float) -> Indentor:
         """Raise ArgumentError: a round shape cannot be turned."""

@@ -11,6 +11,9 @@ Ints = NDArray[np.int64]
 
 X, Y, Z = range(3)
 
+STRIPS_ACROSS = (0.25, 0.5, 0.75)
+"""How far from one side of a face to the other its strips lie; along them points divide it into as many parts."""
+
 _ROWS_AT_ONCE = 64
 
 
@@ -51,12 +54,27 @@ class PatchNodes:
         return rim.ravel()
 
     @cached_property
-    def segments(self) -> Ints:
-        """(n_segments, 2) neighboring nodes joined along each axis of slope."""
+    def strips(self) -> Ints:
+        """(n, 4) nodes of both sides of strips of skin.
+
+        Segments between neighbors along each axis of slope come first, both sides the same; then, if there are two such
+        axes, the faces between them, once for each of their strips.
+        """
         number = np.arange(len(self)).reshape(self.shape)
-        ends = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}
-        joined = [np.stack([e.ravel() for e in ends[axis]], axis=1) for axis in self.axes[:-1]]
-        return np.concatenate(joined)
+        along = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}
+        sides = [(*along[axis], *along[axis]) for axis in self.axes[:-1]]
+        if len(sides) == 2:
+            first, second = along[X]
+            sides += [(first[:-1], second[:-1], first[1:], second[1:])] * len(STRIPS_ACROSS)
+        return np.concatenate([np.stack([nodes.ravel() for nodes in side], axis=1) for side in sides])
+
+    @cached_property
+    def across(self) -> Array:
+        """(n,) how far from its first side to its second each strip lies."""
+        rows, columns = self.shape
+        faces = (rows - 1) * (columns - 1) if len(self.axes) == 3 else 0
+        segments = len(self.strips) - len(STRIPS_ACROSS) * faces
+        return np.concatenate([np.zeros(segments), np.repeat(STRIPS_ACROSS, faces)])
 
 
 @dataclass(frozen=True)

@@ -192,13 +192,13 @@ def _joined_along(patch: Patch, slopes: tuple[int, ...]) -> Patch:
 
     Segments along another axis join each node to itself, so that results number the points alike.
     """
-    across = len(replace(patch, axes=(X, Y)).segments) if len(patch.axes) > 2 else len(patch.segments)
-    segments = patch.segments.copy()
+    across = len(replace(patch, axes=(X, Y)).strips) if len(patch.axes) > 2 else len(patch.strips)
+    strips = patch.strips.copy()
     for axis, some in ((X, slice(0, across)), (Z, slice(across, None))):
         if axis not in slopes:
-            segments[some, 1] = segments[some, 0]
+            strips[some] = strips[some, :1]
     joined = replace(patch)
-    vars(joined)["segments"] = segments  # as cached_property stores them
+    vars(joined)["strips"] = strips  # as cached_property stores them
     return joined
 
 

@@ -1,4 +1,7 @@
-"""Points between nodes: positions on segments, candidates for contact, and their nodes."""
+"""Points between nodes: positions on strips, candidates for contact, and their nodes.
+
+A strip is a straight line at a share of the way from one segment to the next one; a segment is its own neighbor.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,35 +14,52 @@ Bools = NDArray[np.bool_]
 
 
 @compiled
-def spread(tangential: Array, y: Array, segments: Ints, lowest_mm: float, parts: int) -> tuple[Ints, Array, Array]:
-    """Return (s,) segments with an end above a height, and positions (m, s · inner) and heights of inner points."""
+def spread(
+    tangential: Array, y: Array, strips: Ints, across: Array, lowest_mm: float, parts: int
+) -> tuple[Ints, Array, Array]:
+    """Return (s,) strips with a node above a height, and positions (m, s · inner) and heights of inner points."""
     m, inner = len(tangential), parts - 1
-    high, s = np.empty(len(segments), np.int64), 0
-    for i in range(len(segments)):
-        if y[segments[i, 0]] > lowest_mm or y[segments[i, 1]] > lowest_mm:
-            high[s] = i
-            s += 1
+    high, s = np.empty(len(strips), np.int64), 0
+    for i in range(len(strips)):
+        for node in strips[i]:
+            if y[node] > lowest_mm:
+                high[s] = i
+                s += 1
+                break
     at, at_y = np.empty((m, s * inner)), np.empty(s * inner)
     for i in range(s):
-        first, second = segments[high[i]]
+        nodes, t = strips[high[i]], across[high[i]]
         for j in range(inner):
             along = (j + 1.0) / parts
-            at_y[i * inner + j] = y[first] + (y[second] - y[first]) * along
+            at_y[i * inner + j] = bilinear(y, nodes, along, t)
             for a in range(m):
-                at[a, i * inner + j] = tangential[a, first] + (tangential[a, second] - tangential[a, first]) * along
+                at[a, i * inner + j] = bilinear(tangential[a], nodes, along, t)
     return high[:s], at, at_y
 
 
 @compiled
-def below_chord(height: Array, segments: Ints, which: Ints, gap: Array, bent_mm: float) -> Bools:
-    """Return (s, inner) whether a gap is smaller, by more than `bent_mm`, than on the chord between the nodes."""
+def bilinear(nodal: Array, nodes: Ints, along: float, across: float) -> float:
+    """Interpolate nodal values between four nodes, the last two of which count if `across` is positive."""
+    found = nodal[nodes[0]]
+    if along > 0.0:
+        found += along * (nodal[nodes[1]] - found)
+    if across > 0.0:
+        far = nodal[nodes[2]]
+        if along > 0.0:
+            far += along * (nodal[nodes[3]] - far)
+        found += across * (far - found)
+    return found
+
+
+@compiled
+def below_chord(height: Array, strips: Ints, across: Array, which: Ints, gap: Array, bent_mm: float) -> Bools:
+    """Return (s, inner) whether a gap is smaller, by more than `bent_mm`, than interpolated between the nodes."""
     inner = gap.shape[1]
     found = np.empty(gap.shape, np.bool_)
     for i in range(len(which)):
-        first, second = segments[which[i]]
         for j in range(inner):
             along = (j + 1.0) / (inner + 1.0)
-            found[i, j] = height[first] * (1.0 - along) + height[second] * along - gap[i, j] > bent_mm
+            found[i, j] = bilinear(height, strips[which[i]], along, across[which[i]]) - gap[i, j] > bent_mm
     return found
 
 
@@ -47,7 +67,7 @@ def below_chord(height: Array, segments: Ints, which: Ints, gap: Array, bent_mm:
 def closer(
     height: Array, gap: Array, below: Bools, which: Ints, lower_mm: float, than_mm: float
 ) -> tuple[Ints, Ints]:
-    """Return numbers of nodes within a gap of the lowered indentor, and of points on segments that bend anywhere."""
+    """Return numbers of nodes within a gap of the lowered indentor, and of points on strips that bend anywhere."""
     nodes, n = np.empty(len(height), np.int64), 0
     for i in range(len(height)):
         if height[i] - lower_mm < than_mm:
@@ -65,15 +85,16 @@ def closer(
 
 
 @compiled
-def carried(nodes: Ints, between: Ints, segments: Ints, parts: int) -> tuple[Ints, Array]:
-    """Return the nodes (2, k) around nodes and then points (inner · segment + place), and weights of the second."""
+def carried(nodes: Ints, between: Ints, strips: Ints, across: Array, parts: int) -> tuple[Ints, Array]:
+    """Return the nodes (k, 4) around nodes and then points (inner · strip + place), and shares (k, 2) between them."""
     n, inner = len(nodes), parts - 1
-    carriers, share = np.empty((2, n + len(between)), np.int64), np.zeros(n + len(between))
+    carriers, share = np.empty((n + len(between), 4), np.int64), np.zeros((n + len(between), 2))
     for p in range(n):
-        carriers[0, p] = carriers[1, p] = nodes[p]
+        carriers[p] = nodes[p]
     for p in range(len(between)):
-        carriers[0, n + p], carriers[1, n + p] = segments[between[p] // inner]
-        share[n + p] = (between[p] % inner + 1.0) / parts
+        strip = between[p] // inner
+        carriers[n + p] = strips[strip]
+        share[n + p, 0], share[n + p, 1] = (between[p] % inner + 1.0) / parts, across[strip]
     return carriers, share
 
 
@@ -83,8 +104,7 @@ def interpolated(nodal: Array, carriers: Ints, share: Array) -> Array:
     found = np.empty((len(nodal), len(share)))
     for r in range(len(nodal)):
         for p in range(len(share)):
-            near, far = nodal[r, carriers[0, p]], nodal[r, carriers[1, p]]
-            found[r, p] = near + share[p] * (far - near)
+            found[r, p] = bilinear(nodal[r], carriers[p], share[p, 0], share[p, 1])
     return found
 
 
@@ -94,9 +114,16 @@ def shared_out(force: Array, carriers: Ints, share: Array, n: int) -> Array:
     found = np.zeros((len(force), n))
     for a in range(len(force)):
         for p in range(len(share)):
-            found[a, carriers[0, p]] += force[a, p] * (1.0 - share[p])
-            found[a, carriers[1, p]] += force[a, p] * share[p]
+            for end in range(4):
+                found[a, carriers[p, end]] += force[a, p] * weight(share[p], end)
     return found
+
+
+@compiled
+def weight(share: Array, end: int) -> float:
+    """Return the weight of one of the four nodes around a point."""
+    along, across = share[0] if end % 2 else 1.0 - share[0], share[1] if end > 1 else 1.0 - share[1]
+    return along * across
 
 
 @compiled

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.compiling import compiled
+from sim.contact.compiled.points_between_nodes import bilinear, weight
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -16,8 +17,8 @@ class SkinCompliance(NamedTuple):
 
     store: Array  # (m, N, m, N) mm/N: motion of nodes along the second pair by forces along the first
     nodes: int  # number of the N rows in use
-    carriers: Ints  # (2, k) nodes around each point
-    share: Array  # (k,) weight of the second node: 0 at a node
+    carriers: Ints  # (k, 4) nodes around each point
+    share: Array  # (k, 2) shares along and across the strip between them: 0 at a node
 
 
 @compiled
@@ -47,31 +48,43 @@ def worked(
     store, carriers, share = skin.store, skin.carriers, skin.share
     m, n = len(row_force), len(columns)
     found = np.zeros((len(rows), n))
-    first, second, part = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    for c in range(n):
-        first[c], second[c], part[c] = carriers[0, columns[c]], carriers[1, columns[c]], share[columns[c]]
+    nodes, along, across = carriers[columns].T.copy(), share[columns, 0], share[columns, 1]
     for r in range(len(rows)):
-        i, k, t = carriers[0, rows[r]], carriers[1, rows[r]], share[rows[r]]
+        i, t = carriers[rows[r]], share[rows[r]]
         for a in range(m):
             f = row_force[a, r]
             if f == 0.0:
                 continue
             for b in range(m):
-                near, far = store[a, i, b], store[a, k, b]
+                by = store[a, i[0], b], store[a, i[1], b], store[a, i[2], b], store[a, i[3], b]
                 for c in range(min(width + r, n)):
                     g = f * column_force[b, c]
                     if g == 0.0:
                         continue
-                    motion = near[first[c]]
-                    if t > 0.0:
-                        motion += t * (far[first[c]] - motion)
-                    if part[c] > 0.0:
-                        end = near[second[c]]
-                        if t > 0.0:
-                            end += t * (far[second[c]] - end)
-                        motion += part[c] * (end - motion)
+                    motion = _motion(by, t, nodes[0, c])
+                    if along[c] > 0.0:
+                        motion += along[c] * (_motion(by, t, nodes[1, c]) - motion)
+                    if across[c] > 0.0:
+                        far = _motion(by, t, nodes[2, c])
+                        if along[c] > 0.0:
+                            far += along[c] * (_motion(by, t, nodes[3, c]) - far)
+                        motion += across[c] * (far - motion)
                     found[r, c] += g * motion
     return found
+
+
+@compiled
+def _motion(by: tuple[Array, Array, Array, Array], share: Array, node: int) -> float:
+    """Return the motion of a node by a force at a point between the four nodes that move the others so."""
+    motion = by[0][node]
+    if share[0] > 0.0:
+        motion += share[0] * (by[1][node] - motion)
+    if share[1] > 0.0:
+        far = by[2][node]
+        if share[0] > 0.0:
+            far += share[0] * (by[3][node] - far)
+        motion += share[1] * (far - motion)
+    return motion
 
 
 @compiled
@@ -82,20 +95,18 @@ def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     nodal = np.zeros((m, count))
     for p in range(len(loaded)):
         for a in range(m):
-            for end in range(2):
-                t = share[loaded[p]]
-                f = force[a, p] * (t if end else 1.0 - t)
+            for end in range(4):
+                f = force[a, p] * weight(share[loaded[p]], end)
                 if f == 0.0:
                     continue
                 for b in range(m):
-                    row = store[a, carriers[end, loaded[p]], b]
+                    row = store[a, carriers[loaded[p], end], b]
                     for n in range(count):
                         nodal[b, n] += f * row[n]
     found = np.empty((m, k))
     for b in range(m):
         for p in range(k):
-            near, far = nodal[b, carriers[0, p]], nodal[b, carriers[1, p]]
-            found[b, p] = near + share[p] * (far - near)
+            found[b, p] = bilinear(nodal[b], carriers[p], share[p, 0], share[p, 1])
     return found
 
 
