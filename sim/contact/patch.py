@@ -53,6 +53,14 @@ class PatchNodes:
             rim[[0, -1]] = True
         return rim.ravel()
 
+    def spacing_mm(self, at_mm: tuple[float, ...]) -> float:
+        """Return the longer side of the elements around a place (mm) on a patch with two axes of slope."""
+        grid = self.position_mm.reshape(*self.shape, 3)
+        away = np.abs(grid[..., list(self.axes[:-1])] - np.array(at_mm)).max(axis=-1)
+        row, column = np.unravel_index(int(np.argmin(away)), self.shape)
+        around = grid[max(row - 1, 0) : row + 2, column], grid[row, max(column - 1, 0) : column + 2]
+        return max(float(np.linalg.norm(np.diff(line, axis=0), axis=1).max(initial=0.0)) for line in around)
+
     @cached_property
     def strips(self) -> Ints:
         """(n, 4) nodes of both sides of strips of skin.

@@ -98,7 +98,9 @@ class ContactPoints:
 
     def on(self, skin: SkinNodes) -> "SkinPoints":
         """Return the points bound to a skin, so that they interpolate its nodal values."""
-        return SkinPoints(skin, *points_between_nodes.carried(self.nodes, self.between, skin.strips, skin.across, PARTS))
+        return SkinPoints(
+            skin, *points_between_nodes.carried(self.nodes, self.between, skin.strips, skin.across, PARTS)
+        )
 
 
 @dataclass(frozen=True)
@@ -169,8 +171,8 @@ class Survey:
         if corners:
             close = np.flatnonzero((below & (gap < _REACH_MM)).any(axis=1))
             which, gap, below = which[close], gap[close], below[close]
-            turning = np.any([_turns(pose, tangential[:, strips[which][:, ends]]) for ends in ([0, 3], [1, 2])], axis=0)
-            below &= turning[:, None]
+            diagonals = [skin.tangential_mm[:, strips[which][:, ends]] for ends in ([0, 3], [1, 2])]
+            below &= np.any([_turns(pose, diagonal) for diagonal in diagonals], axis=0)[:, None]
         return cls(pose, skin, u, surface, which, gap, below)
 
     def near(self, pose: ContactPose, gap_mm: float) -> ContactPoints:
@@ -213,8 +215,12 @@ def norm(slope: Array) -> Array:
 
 
 def _turns(pose: ContactPose, s: Array) -> Bools:
-    """Return (n_segments,) whether the indentor turns within less than 0.5 mm over segments (m, n_segments, 2)."""
-    share = np.arange(PARTS + 1) / PARTS
+    """Return (n,) whether the indentor turns within less than 0.5 mm about lines (m, n, 2) across the undeformed skin.
+
+    It is measured a quarter beyond their ends: points slide. Where they slid to does not count, so that no point is
+    left out at a depth that takes part at another.
+    """
+    share = np.arange(-1, PARTS + 2) / PARTS
     at = (s[..., :1] + np.diff(s) * share).reshape(len(s), -1)
     slope = pose.indentor.evaluate(at - np.array(pose.at_mm)[:, None]).slope
     normal = (np.concatenate([slope, -np.ones_like(slope[:1])]) / norm(slope)).reshape(-1, s.shape[1], len(share))

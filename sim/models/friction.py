@@ -305,6 +305,7 @@ class Rubbed:
             model,
         )
         placed.refuse_touch_outside()
+        placed.refuse_narrow()
         return placed
 
     def _pressed(

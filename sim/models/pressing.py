@@ -38,6 +38,10 @@ _LEAST_SCALE_MM = 1e-3
 _FORCE_GUESS_MM = 0.3
 _AXIS_NAMES = {X: "x", Z: "z"}
 
+NARROWEST, _SECTION = 0.7, 0.4
+"""Least radius of an indentor, and the height above its first touch at which it is measured, in elements."""
+_FARTHEST, _ANGLES, _RADII = 4, 16, 64  # where the radius is searched: to so many least radii, at so many places
+
 
 class RimError(ModelRangeError, TooDeepError):
     """Error of an indentor that would touch skin outside the patch, at (x, z) and perhaps elsewhere (mm)."""
@@ -134,6 +138,42 @@ class PlacedIndentor:
         patch = self.model.patch
         at = state.held.on(patch).interpolate(patch.tangential_mm + state.displacement[:-1])
         return at - np.array(self.place)[:, None]
+
+    def refuse_narrow(self) -> None:
+        """Raise ModelRangeError if the indentor is narrower, where it first touches, than the mesh carries.
+
+        A tip between the nodes moves the skin as an element does, not as a tip: the force would depend on the place
+        within the element, and fall where points slide off the tip.
+        """
+        if not self.indentor.corners_only:
+            return
+        element_mm = self.model.patch.spacing_mm(self.touch.at_mm)
+        least_mm, above_mm = NARROWEST * element_mm, _SECTION * element_mm
+        radius_mm = self._radius_mm(above_mm, _FARTHEST * least_mm)
+        if radius_mm < least_mm:
+            at = ", ".join(
+                f"{_AXIS_NAMES[axis]} = {mm:.2f}" for axis, mm in zip(self.indentor.axes, self.place, strict=True)
+            )
+            raise ModelRangeError(
+                f"{self.indentor.name} at {at} mm: {radius_mm:.2f} mm in radius {above_mm:.2f} mm above where it first "
+                f"touches; must be at least {least_mm:.2f} mm on elements of {element_mm:.2f} mm; use a wider indentor "
+                "or a smaller mesh.spacing_mm",
+                "narrower_than_mesh",
+            )
+
+    def _radius_mm(self, above_mm: float, most_mm: float) -> float:
+        """Return the radius of a circle as large as the indentor's section at a height above the first touch.
+
+        The section is what can be seen from the touch, at most to a distance.
+        """
+        radii = most_mm * np.arange(1, _RADII + 1) / _RADII
+        angle = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
+        touch = (np.array(self.touch.at_mm) - np.array(self.place))[:, None]
+        rays = np.stack([np.cos(angle), np.sin(angle)])[:, :, None] * radii
+        low = self.indentor.evaluate(touch).height_mm[0] + above_mm
+        inside = self.indentor.evaluate(touch + rays.reshape(2, -1)).height_mm.reshape(_ANGLES, _RADII) <= low
+        reached = np.logical_and.accumulate(inside, axis=1).sum(axis=1) * most_mm / _RADII
+        return float(np.sqrt((reached**2).mean()))
 
     def refuse_touch_outside(self) -> None:
         """Raise RimError if the indentor first touches skin beside the patch."""
