@@ -115,7 +115,7 @@ class Indentor(ABC):
 
     @property
     def corners_only(self) -> bool:
-        """Whether that is needed only where the surface turns within less than the spacing of nodes, but in faces too."""
+        """Whether that is needed only where the surface turns within less than the spacing of nodes."""
         return False
 
     @property

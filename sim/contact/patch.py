@@ -65,8 +65,8 @@ class PatchNodes:
     def strips(self) -> Ints:
         """(n, 4) nodes of both sides of strips of skin.
 
-        Segments between neighbors along each axis of slope come first, both sides the same; then, if there are two such
-        axes, the faces between them, once for each of their strips.
+        Segments between neighbors along each axis of slope come first, both sides the same; then, if there are two
+        such axes, the faces between them, once for each of their strips.
         """
         number = np.arange(len(self)).reshape(self.shape)
         along = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}

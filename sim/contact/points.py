@@ -31,6 +31,7 @@ class ContactPose:
     at_mm: tuple[float, ...]  # reference point along the indentor's axes
     height_mm: float
     scale_mm: float  # D = max(DOI, 1 µm)
+    narrow: bool = False  # whether contact between nodes is enforced within faces, too
 
     def gap(self, tangential_mm: Array, y_mm: Array) -> Surface:
         """Return vertical gap (mm), slope and curvature of the indentor over points at (m, k) and y."""
@@ -151,24 +152,20 @@ class Survey:
 
     @classmethod
     def of(cls, pose: ContactPose, skin: SkinNodes, u: Array, *, between: bool) -> "Survey":
-        """Survey the skin; points between nodes are included down to 0.3 mm below the indentor's lowest point.
-
-        Within faces they are included under shapes that are narrow at corners.
-        """
+        """Survey the skin; points between nodes are included down to 0.3 mm below the indentor's lowest point."""
         tangential, y = skin.tangential_mm + u[:-1], skin.y + u[-1]
         surface = pose.gap(tangential, y)
         if not between:
             nothing = np.zeros((0, _INNER))
             return cls(pose, skin, u, surface, np.zeros(0, np.int64), nothing, nothing > 0)
-        corners = pose.indentor.corners_only
-        joined = len(skin.strips) if corners else int(np.searchsorted(skin.across, 0.0, side="right"))
+        joined = len(skin.strips) if pose.narrow else int(np.searchsorted(skin.across, 0.0, side="right"))
         strips, across = skin.strips[:joined], skin.across[:joined]
         which, at, at_y = points_between_nodes.spread(
             tangential, y, strips, across, pose.height_mm - _REACH_MM, PARTS
         )
         gap = pose.gap(at, at_y).height_mm.reshape(-1, _INNER)
         below = points_between_nodes.below_chord(surface.height_mm, strips, across, which, gap, _BENT_MM)
-        if corners:
+        if pose.indentor.corners_only:
             close = np.flatnonzero((below & (gap < _REACH_MM)).any(axis=1))
             which, gap, below = which[close], gap[close], below[close]
             diagonals = [skin.tangential_mm[:, strips[which][:, ends]] for ends in ([0, 3], [1, 2])]
@@ -215,7 +212,7 @@ def norm(slope: Array) -> Array:
 
 
 def _turns(pose: ContactPose, s: Array) -> Bools:
-    """Return (n,) whether the indentor turns within less than 0.5 mm about lines (m, n, 2) across the undeformed skin.
+    """Return (n,) whether the indentor turns within less than 0.5 mm about lines (m, n, 2) of the undeformed skin.
 
     It is measured a quarter beyond their ends: points slide. Where they slid to does not count, so that no point is
     left out at a depth that takes part at another.

@@ -206,7 +206,7 @@ def _part(start: ContactPose, end: ContactPose, share: float) -> ContactPose:
     """Return the pose at a share of the straight way from one pose to another."""
     at = tuple((1 - share) * a + share * b for a, b in zip(start.at_mm, end.at_mm, strict=True))
     height = (1 - share) * start.height_mm + share * end.height_mm
-    return ContactPose(end.indentor, at, height, (1 - share) * start.scale_mm + share * end.scale_mm)
+    return replace(end, at_mm=at, height_mm=height, scale_mm=(1 - share) * start.scale_mm + share * end.scale_mm)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def closer(
 
 @compiled
 def carried(nodes: Ints, between: Ints, strips: Ints, across: Array, parts: int) -> tuple[Ints, Array]:
-    """Return the nodes (k, 4) around nodes and then points (inner · strip + place), and shares (k, 2) between them."""
+    """Return the nodes (k, 4) around nodes and points (inner · strip + place), and shares (k, 2) between them."""
     n, inner = len(nodes), parts - 1
     carriers, share = np.empty((n + len(between), 4), np.int64), np.zeros((n + len(between), 2))
     for p in range(n):
