@@ -18,35 +18,35 @@ def spread(
     tangential: Array, y: Array, strips: Ints, across: Array, lowest_mm: float, parts: int
 ) -> tuple[Ints, Array, Array]:
     """Return (s,) strips with a node above a height, and positions (m, s · inner) and heights of inner points."""
-    m, inner = len(tangential), parts - 1
+    m, inner, level = len(tangential), parts - 1, y.reshape(1, -1)
     high, s = np.empty(len(strips), np.int64), 0
     for i in range(len(strips)):
-        for node in strips[i]:
-            if y[node] > lowest_mm:
+        for end in range(4):
+            if y[strips[i, end]] > lowest_mm:
                 high[s] = i
                 s += 1
                 break
     at, at_y = np.empty((m, s * inner)), np.empty(s * inner)
     for i in range(s):
-        nodes, t = strips[high[i]], across[high[i]]
+        t = across[high[i]]
         for j in range(inner):
             along = (j + 1.0) / parts
-            at_y[i * inner + j] = bilinear(y, nodes, along, t)
+            at_y[i * inner + j] = bilinear(level, 0, strips, high[i], along, t)
             for a in range(m):
-                at[a, i * inner + j] = bilinear(tangential[a], nodes, along, t)
+                at[a, i * inner + j] = bilinear(tangential, a, strips, high[i], along, t)
     return high[:s], at, at_y
 
 
 @compiled
-def bilinear(nodal: Array, nodes: Ints, along: float, across: float) -> float:
-    """Interpolate nodal values between four nodes, the last two of which count if `across` is positive."""
-    found = nodal[nodes[0]]
+def bilinear(nodal: Array, row: int, nodes: Ints, p: int, along: float, across: float) -> float:
+    """Interpolate a row of nodal values between the four nodes of row p; the last two count if `across` is positive."""
+    found = nodal[row, nodes[p, 0]]
     if along > 0.0:
-        found += along * (nodal[nodes[1]] - found)
+        found += along * (nodal[row, nodes[p, 1]] - found)
     if across > 0.0:
-        far = nodal[nodes[2]]
+        far = nodal[row, nodes[p, 2]]
         if along > 0.0:
-            far += along * (nodal[nodes[3]] - far)
+            far += along * (nodal[row, nodes[p, 3]] - far)
         found += across * (far - found)
     return found
 
@@ -54,12 +54,12 @@ def bilinear(nodal: Array, nodes: Ints, along: float, across: float) -> float:
 @compiled
 def below_chord(height: Array, strips: Ints, across: Array, which: Ints, gap: Array, bent_mm: float) -> Bools:
     """Return (s, inner) whether a gap is smaller, by more than `bent_mm`, than interpolated between the nodes."""
-    inner = gap.shape[1]
+    inner, heights = gap.shape[1], height.reshape(1, -1)
     found = np.empty(gap.shape, np.bool_)
     for i in range(len(which)):
         for j in range(inner):
             along = (j + 1.0) / (inner + 1.0)
-            found[i, j] = bilinear(height, strips[which[i]], along, across[which[i]]) - gap[i, j] > bent_mm
+            found[i, j] = bilinear(heights, 0, strips, which[i], along, across[which[i]]) - gap[i, j] > bent_mm
     return found
 
 
@@ -104,7 +104,7 @@ def interpolated(nodal: Array, carriers: Ints, share: Array) -> Array:
     found = np.empty((len(nodal), len(share)))
     for r in range(len(nodal)):
         for p in range(len(share)):
-            found[r, p] = bilinear(nodal[r], carriers[p], share[p, 0], share[p, 1])
+            found[r, p] = bilinear(nodal, r, carriers, p, share[p, 0], share[p, 1])
     return found
 
 
@@ -115,15 +115,14 @@ def shared_out(force: Array, carriers: Ints, share: Array, n: int) -> Array:
     for a in range(len(force)):
         for p in range(len(share)):
             for end in range(4):
-                found[a, carriers[p, end]] += force[a, p] * weight(share[p], end)
+                found[a, carriers[p, end]] += force[a, p] * weight(share[p, 0], share[p, 1], end)
     return found
 
 
 @compiled
-def weight(share: Array, end: int) -> float:
+def weight(along: float, across: float, end: int) -> float:
     """Return the weight of one of the four nodes around a point."""
-    along, across = share[0] if end % 2 else 1.0 - share[0], share[1] if end > 1 else 1.0 - share[1]
-    return along * across
+    return (along if end % 2 else 1.0 - along) * (across if end > 1 else 1.0 - across)
 
 
 @compiled

@@ -46,45 +46,54 @@ def worked(
     The first row has `width` columns, each following row one more; the rest is zero.
     """
     store, carriers, share = skin.store, skin.carriers, skin.share
-    m, n = len(row_force), len(columns)
-    found = np.zeros((len(rows), n))
-    nodes, along, across = carriers[columns].T.copy(), share[columns, 0], share[columns, 1]
+    m, count = len(row_force), len(columns)
+    found = np.zeros((len(rows), count))
+    first, second, third, fourth = carriers[columns].T.copy()
+    along, across = share[columns].T.copy()
+    mixed = np.empty(skin.nodes)
     for r in range(len(rows)):
-        i, t = carriers[rows[r]], share[rows[r]]
+        i, k, t = carriers[rows[r], 0], carriers[rows[r], 1], share[rows[r], 0]
+        within = share[rows[r], 1] > 0.0
         for a in range(m):
             f = row_force[a, r]
             if f == 0.0:
                 continue
             for b in range(m):
-                by = store[a, i[0], b], store[a, i[1], b], store[a, i[2], b], store[a, i[3], b]
-                for c in range(min(width + r, n)):
+                near, far = store[a, i, b], store[a, k, b]
+                if within:
+                    for n in range(skin.nodes):
+                        mixed[n] = _mixed(store, a, b, n, carriers, share, rows[r])
+                    near, t = mixed, 0.0
+                for c in range(min(width + r, count)):
                     g = f * column_force[b, c]
                     if g == 0.0:
                         continue
-                    motion = _motion(by, t, nodes[0, c])
+                    motion = near[first[c]]
+                    if t > 0.0:
+                        motion += t * (far[first[c]] - motion)
                     if along[c] > 0.0:
-                        motion += along[c] * (_motion(by, t, nodes[1, c]) - motion)
+                        end = near[second[c]]
+                        if t > 0.0:
+                            end += t * (far[second[c]] - end)
+                        motion += along[c] * (end - motion)
                     if across[c] > 0.0:
-                        far = _motion(by, t, nodes[2, c])
-                        if along[c] > 0.0:
-                            far += along[c] * (_motion(by, t, nodes[3, c]) - far)
-                        motion += across[c] * (far - motion)
+                        beside, end = near[third[c]], near[fourth[c]]
+                        if t > 0.0:
+                            beside += t * (far[third[c]] - beside)
+                            end += t * (far[fourth[c]] - end)
+                        motion += across[c] * (beside + along[c] * (end - beside) - motion)
                     found[r, c] += g * motion
     return found
 
 
 @compiled
-def _motion(by: tuple[Array, Array, Array, Array], share: Array, node: int) -> float:
-    """Return the motion of a node by a force at a point between the four nodes that move the others so."""
-    motion = by[0][node]
-    if share[0] > 0.0:
-        motion += share[0] * (by[1][node] - motion)
-    if share[1] > 0.0:
-        far = by[2][node]
-        if share[0] > 0.0:
-            far += share[0] * (by[3][node] - far)
-        motion += share[1] * (far - motion)
-    return motion
+def _mixed(store: Array, a: int, b: int, node: int, carriers: Ints, share: Array, p: int) -> float:
+    """Return the motion of a node along b by a force along a at a point within a face."""
+    t, s = share[p]
+    near, far = store[a, carriers[p, 0], b, node], store[a, carriers[p, 2], b, node]
+    near += t * (store[a, carriers[p, 1], b, node] - near)
+    far += t * (store[a, carriers[p, 3], b, node] - far)
+    return near + s * (far - near)
 
 
 @compiled
@@ -96,7 +105,7 @@ def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     for p in range(len(loaded)):
         for a in range(m):
             for end in range(4):
-                f = force[a, p] * weight(share[loaded[p]], end)
+                f = force[a, p] * weight(share[loaded[p], 0], share[loaded[p], 1], end)
                 if f == 0.0:
                     continue
                 for b in range(m):
@@ -106,7 +115,7 @@ def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     found = np.empty((m, k))
     for b in range(m):
         for p in range(k):
-            found[b, p] = bilinear(nodal[b], carriers[p], share[p, 0], share[p, 1])
+            found[b, p] = bilinear(nodal, b, carriers, p, share[p, 0], share[p, 1])
     return found
 
 
