@@ -340,7 +340,7 @@ def _copied(start: FrictionState, points: ContactPoints, force: Array) -> None:
 def _between(region: ContactRegion) -> Array:
     """Return the (k, m, k, m) compliance between a region's points (mm/N)."""
     skin = region.skin
-    (first, second, third, fourth), (along, across) = skin.carriers.T, skin.share.T
+    (first, second, third, fourth), (along, across) = skin.carriers, skin.share
 
     def between(nodal: Array) -> Array:
         """Interpolate values at nodes (n, …) to the points."""

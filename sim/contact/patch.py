@@ -63,7 +63,7 @@ class PatchNodes:
 
     @cached_property
     def strips(self) -> Ints:
-        """(n, 4) nodes of both sides of strips of skin.
+        """(4, n) nodes of both sides of strips of skin.
 
         Segments between neighbors along each axis of slope come first, both sides the same; then, if there are two
         such axes, the faces between them, once for each of their strips.
@@ -74,14 +74,14 @@ class PatchNodes:
         if len(sides) == 2:
             first, second = along[X]
             sides += [(first[:-1], second[:-1], first[1:], second[1:])] * len(STRIPS_ACROSS)
-        return np.concatenate([np.stack([nodes.ravel() for nodes in side], axis=1) for side in sides])
+        return np.concatenate([np.stack([nodes.ravel() for nodes in side]) for side in sides], axis=1)
 
     @cached_property
     def across(self) -> Array:
         """(n,) how far from its first side to its second each strip lies."""
         rows, columns = self.shape
         faces = (rows - 1) * (columns - 1) if len(self.axes) == 3 else 0
-        segments = len(self.strips) - len(STRIPS_ACROSS) * faces
+        segments = self.strips.shape[1] - len(STRIPS_ACROSS) * faces
         return np.concatenate([np.zeros(segments), np.repeat(STRIPS_ACROSS, faces)])
 
 

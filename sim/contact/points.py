@@ -61,7 +61,7 @@ class SkinNodes(Protocol):
 
     @property
     def strips(self) -> Ints:
-        """(n, 4) nodes of two opposite sides: of each segment twice the same, then of each face, once for a strip."""
+        """(4, n) nodes of two opposite sides: of each segment twice the same, then of each face, once for a strip."""
 
     @property
     def across(self) -> Array:
@@ -109,8 +109,8 @@ class SkinPoints:
     """Points of a skin: some of its nodes, then points between two or four of them."""
 
     skin: SkinNodes
-    around: Ints  # (k, 4) nodes around each point; at a node, all are that node
-    share: Array  # (k, 2) shares from the first to the second of them, and from these two to the other two
+    around: Ints  # (4, k) nodes around each point; at a node, all are that node
+    share: Array  # (2, k) shares from the first to the second of them, and from these two to the other two
 
     @cached_property
     def tangential_mm(self) -> Array:
@@ -125,8 +125,8 @@ class SkinPoints:
     @property
     def carriers(self) -> tuple[Ints, Array]:
         """(4, k) nodes around each point and their weights."""
-        s, t = self.share.T
-        return self.around.T, np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
+        s, t = self.share
+        return self.around, np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
 
     def interpolate(self, nodal: Array) -> Array:
         """Interpolate (r, n) nodal values to (r, k) values at the points, or (n,) to (k,)."""
@@ -158,8 +158,8 @@ class Survey:
         if not between:
             nothing = np.zeros((0, _INNER))
             return cls(pose, skin, u, surface, np.zeros(0, np.int64), nothing, nothing > 0)
-        joined = len(skin.strips) if pose.narrow else int(np.searchsorted(skin.across, 0.0, side="right"))
-        strips, across = skin.strips[:joined], skin.across[:joined]
+        joined = len(skin.across) if pose.narrow else int(np.searchsorted(skin.across, 0.0, side="right"))
+        strips, across = skin.strips[:, :joined], skin.across[:joined]
         which, at, at_y = points_between_nodes.spread(
             tangential, y, strips, across, pose.height_mm - _REACH_MM, PARTS
         )
@@ -168,7 +168,7 @@ class Survey:
         if pose.indentor.corners_only:
             close = np.flatnonzero((below & (gap < _REACH_MM)).any(axis=1))
             which, gap, below = which[close], gap[close], below[close]
-            diagonals = [skin.tangential_mm[:, strips[which][:, ends]] for ends in ([0, 3], [1, 2])]
+            diagonals = [skin.tangential_mm[:, strips[ends][:, which].T] for ends in ([0, 3], [1, 2])]
             below &= np.any([_turns(pose, diagonal) for diagonal in diagonals], axis=0)[:, None]
         return cls(pose, skin, u, surface, which, gap, below)
 

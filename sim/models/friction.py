@@ -192,11 +192,11 @@ def _joined_along(patch: Patch, slopes: tuple[int, ...]) -> Patch:
 
     Segments along another axis join each node to itself, so that results number the points alike.
     """
-    across = len(replace(patch, axes=(X, Y)).strips) if len(patch.axes) > 2 else len(patch.strips)
+    across = len(replace(patch, axes=(X, Y)).across) if len(patch.axes) > 2 else len(patch.across)
     strips = patch.strips.copy()
     for axis, some in ((X, slice(0, across)), (Z, slice(across, None))):
         if axis not in slopes:
-            strips[some] = strips[some, :1]
+            strips[:, some] = strips[:1, some]
     joined = replace(patch)
     vars(joined)["strips"] = strips  # as cached_property stores them
     return joined

@@ -19,10 +19,10 @@ def spread(
 ) -> tuple[Ints, Array, Array]:
     """Return (s,) strips with a node above a height, and positions (m, s · inner) and heights of inner points."""
     m, inner, level = len(tangential), parts - 1, y.reshape(1, -1)
-    high, s = np.empty(len(strips), np.int64), 0
-    for i in range(len(strips)):
+    high, s = np.empty(strips.shape[1], np.int64), 0
+    for i in range(strips.shape[1]):
         for end in range(4):
-            if y[strips[i, end]] > lowest_mm:
+            if y[strips[end, i]] > lowest_mm:
                 high[s] = i
                 s += 1
                 break
@@ -39,15 +39,12 @@ def spread(
 
 @compiled
 def bilinear(nodal: Array, row: int, nodes: Ints, p: int, along: float, across: float) -> float:
-    """Interpolate a row of nodal values between the four nodes of row p; the last two count if `across` is positive."""
-    found = nodal[row, nodes[p, 0]]
-    if along > 0.0:
-        found += along * (nodal[row, nodes[p, 1]] - found)
+    """Interpolate a row of nodal values between the four nodes of column p; the last two count if `across` is positive."""
+    found = nodal[row, nodes[0, p]]
+    found += along * (nodal[row, nodes[1, p]] - found)
     if across > 0.0:
-        far = nodal[row, nodes[p, 2]]
-        if along > 0.0:
-            far += along * (nodal[row, nodes[p, 3]] - far)
-        found += across * (far - found)
+        far = nodal[row, nodes[2, p]]
+        found += across * (far + along * (nodal[row, nodes[3, p]] - far) - found)
     return found
 
 
@@ -86,25 +83,25 @@ def closer(
 
 @compiled
 def carried(nodes: Ints, between: Ints, strips: Ints, across: Array, parts: int) -> tuple[Ints, Array]:
-    """Return the nodes (k, 4) around nodes and points (inner · strip + place), and shares (k, 2) between them."""
+    """Return the nodes (4, k) around nodes and points (inner · strip + place), and shares (2, k) between them."""
     n, inner = len(nodes), parts - 1
-    carriers, share = np.empty((n + len(between), 4), np.int64), np.zeros((n + len(between), 2))
+    carriers, share = np.empty((4, n + len(between)), np.int64), np.zeros((2, n + len(between)))
     for p in range(n):
-        carriers[p] = nodes[p]
+        carriers[:, p] = nodes[p]
     for p in range(len(between)):
         strip = between[p] // inner
-        carriers[n + p] = strips[strip]
-        share[n + p, 0], share[n + p, 1] = (between[p] % inner + 1.0) / parts, across[strip]
+        carriers[:, n + p] = strips[:, strip]
+        share[0, n + p], share[1, n + p] = (between[p] % inner + 1.0) / parts, across[strip]
     return carriers, share
 
 
 @compiled
 def interpolated(nodal: Array, carriers: Ints, share: Array) -> Array:
     """Interpolate (r, n) nodal values to (r, k) values at points."""
-    found = np.empty((len(nodal), len(share)))
+    found = np.empty((len(nodal), share.shape[1]))
     for r in range(len(nodal)):
-        for p in range(len(share)):
-            found[r, p] = bilinear(nodal, r, carriers, p, share[p, 0], share[p, 1])
+        for p in range(share.shape[1]):
+            found[r, p] = bilinear(nodal, r, carriers, p, share[0, p], share[1, p])
     return found
 
 
@@ -113,9 +110,9 @@ def shared_out(force: Array, carriers: Ints, share: Array, n: int) -> Array:
     """Distribute (m, k) forces at points to (m, n) forces at nodes."""
     found = np.zeros((len(force), n))
     for a in range(len(force)):
-        for p in range(len(share)):
+        for p in range(share.shape[1]):
             for end in range(4):
-                found[a, carriers[p, end]] += force[a, p] * weight(share[p, 0], share[p, 1], end)
+                found[a, carriers[end, p]] += force[a, p] * weight(share[0, p], share[1, p], end)
     return found
 
 

@@ -17,8 +17,8 @@ class SkinCompliance(NamedTuple):
 
     store: Array  # (m, N, m, N) mm/N: motion of nodes along the second pair by forces along the first
     nodes: int  # number of the N rows in use
-    carriers: Ints  # (k, 4) nodes around each point
-    share: Array  # (k, 2) shares along and across the strip between them: 0 at a node
+    carriers: Ints  # (4, k) nodes around each point
+    share: Array  # (2, k) shares along and across the strip between them: 0 at a node
 
 
 @compiled
@@ -48,12 +48,13 @@ def worked(
     store, carriers, share = skin.store, skin.carriers, skin.share
     m, count = len(row_force), len(columns)
     found = np.zeros((len(rows), count))
-    first, second, third, fourth = carriers[columns].T.copy()
-    along, across = share[columns].T.copy()
+    first, second, third, fourth = carriers[:, columns]
+    along, across = share[:, columns]
+    faces = across.any()
     mixed = np.empty(skin.nodes)
     for r in range(len(rows)):
-        i, k, t = carriers[rows[r], 0], carriers[rows[r], 1], share[rows[r], 0]
-        within = share[rows[r], 1] > 0.0
+        i, k, t = carriers[0, rows[r]], carriers[1, rows[r]], share[0, rows[r]]
+        within = share[1, rows[r]] > 0.0
         for a in range(m):
             f = row_force[a, r]
             if f == 0.0:
@@ -76,7 +77,7 @@ def worked(
                         if t > 0.0:
                             end += t * (far[second[c]] - end)
                         motion += along[c] * (end - motion)
-                    if across[c] > 0.0:
+                    if faces and across[c] > 0.0:
                         beside, end = near[third[c]], near[fourth[c]]
                         if t > 0.0:
                             beside += t * (far[third[c]] - beside)
@@ -89,10 +90,10 @@ def worked(
 @compiled
 def _mixed(store: Array, a: int, b: int, node: int, carriers: Ints, share: Array, p: int) -> float:
     """Return the motion of a node along b by a force along a at a point within a face."""
-    t, s = share[p]
-    near, far = store[a, carriers[p, 0], b, node], store[a, carriers[p, 2], b, node]
-    near += t * (store[a, carriers[p, 1], b, node] - near)
-    far += t * (store[a, carriers[p, 3], b, node] - far)
+    t, s = share[:, p]
+    near, far = store[a, carriers[0, p], b, node], store[a, carriers[2, p], b, node]
+    near += t * (store[a, carriers[1, p], b, node] - near)
+    far += t * (store[a, carriers[3, p], b, node] - far)
     return near + s * (far - near)
 
 
@@ -100,22 +101,22 @@ def _mixed(store: Array, a: int, b: int, node: int, carriers: Ints, share: Array
 def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     """Return (m, k) displacements in mm of all points by forces (m, r) at the loaded ones."""
     store, count, carriers, share = skin
-    m, k = len(store), len(share)
+    m, k = len(store), share.shape[1]
     nodal = np.zeros((m, count))
     for p in range(len(loaded)):
         for a in range(m):
-            for end in range(4):
-                f = force[a, p] * weight(share[loaded[p], 0], share[loaded[p], 1], end)
+            for end in range(4 if share[1, loaded[p]] > 0.0 else 2):
+                f = force[a, p] * weight(share[0, loaded[p]], share[1, loaded[p]], end)
                 if f == 0.0:
                     continue
                 for b in range(m):
-                    row = store[a, carriers[loaded[p], end], b]
+                    row = store[a, carriers[end, loaded[p]], b]
                     for n in range(count):
                         nodal[b, n] += f * row[n]
     found = np.empty((m, k))
     for b in range(m):
         for p in range(k):
-            found[b, p] = bilinear(nodal, b, carriers, p, share[p, 0], share[p, 1])
+            found[b, p] = bilinear(nodal, b, carriers, p, share[0, p], share[1, p])
     return found
 
 
