@@ -1,9 +1,9 @@
 """Force of narrow shapes: does it rise with depth and change smoothly with the place, and is it that of finer meshes?
 
-    .venv/bin/python -m studies.accuracy.narrow_shapes [PLACES]    # 25 places by default, some 20 minutes on two cores
+    .venv/bin/python -m studies.accuracy.narrow_shapes [PLACES]    # 25 places by default
 
-Each of 30 shapes is pressed to 20 depths at places drawn over two elements, and 1 µm beside each. The tests walk a few
-of them on a coarse mesh.
+Each of 30 shapes is pressed to 20 depths at places drawn over two elements, and 1 µm beside each. The tests walk a
+few of them on a coarse mesh.
 """
 
 import sys
@@ -86,8 +86,8 @@ class Walk:
 
     @property
     def jump(self) -> float:
-        """Largest change of force over 1 µm in place, relative to the force or a hundredth of the largest."""
-        scale = np.maximum(self.force, 0.01 * self.force.max())
+        """Largest change of force over 1 µm in place, relative to the force or a twentieth of the largest."""
+        scale = np.maximum(self.force, self.force.max() / 20)
         return float((np.abs(self.beside - self.force) / scale).max())
 
     @property

@@ -39,7 +39,7 @@ def spread(
 
 @compiled
 def bilinear(nodal: Array, row: int, nodes: Ints, p: int, along: float, across: float) -> float:
-    """Interpolate a row of nodal values between the four nodes of column p; the last two count if `across` is positive."""
+    """Interpolate a row of nodal values between the four nodes of column p; two of them if `across` is 0."""
     found = nodal[row, nodes[0, p]]
     found += along * (nodal[row, nodes[1, p]] - found)
     if across > 0.0:
