@@ -153,9 +153,9 @@ class PlacedIndentor:
                 f"{_AXIS_NAMES[axis]} = {mm:.2f}" for axis, mm in zip(self.indentor.axes, self.place, strict=True)
             )
             raise ModelRangeError(
-                f"{self.indentor.name} at {at} mm: a radius of {self._radius * size:.3f} mm where it is "
-                f"{_SECTION * size:.3f} mm above its first touch; at least {NARROWEST * size:.3f} mm is required on "
-                f"elements of {size:.3f} mm; use a wider indentor, or mesh.level = 'fine' or a smaller spacing_mm",
+                f"{self.indentor.name} at {at} mm: its tip has a radius of {self._radius * size:.3f} mm, "
+                f"{_SECTION * size:.3f} mm above the first touch; elements of {size:.3f} mm carry at least "
+                f"{NARROWEST * size:.3f} mm; use a wider indentor, mesh.level = 'fine' or a smaller mesh.spacing_mm",
                 "narrower_than_mesh",
             )
 
