@@ -53,16 +53,23 @@ def peak(half_mm: float, *, linear: bool) -> Indentor:
     return Indentor.along(MeasuredProfile(name, x, (0.4, 0.3, 0.0, 0.3, 0.4), linear=linear))
 
 
-ROUND = tuple(f"flat:{r:g}" for r in (0.1, 0.13, 0.167, 0.25, 0.5))
+ROUND: tuple[str, ...] = tuple(f"flat:{r:g}" for r in (0.1, 0.13, 0.167, 0.25, 0.5))
 ROUND += tuple(f"cone:{angle}" for angle in (5, 20, 45, 60, 75)) + tuple(f"sphere:{r:g}" for r in (0.25, 0.4, 1))
-PRISMATIC = ("wedge:5", "wedge:45", "wedge:20,across", "wedge:45,turn_deg=30", "bar:0.2", "bar:0.5,turn_deg=30")
+PRISMATIC: tuple[str, ...] = (
+    "wedge:5",
+    "wedge:45",
+    "wedge:20,across",
+    "wedge:45,turn_deg=30",
+    "bar:0.2",
+    "bar:0.5,turn_deg=30",
+)
 PRISMATIC += ("line", "grating:0.15,0.4", "cylinder:0.5", "step:1")
 
 
 @cache
 def shapes() -> dict[str, Indentor]:
     """Return the shapes by name."""
-    own = [dots(0.1), dots(0.18), dots(0.25), dots(0.1, 0.5, 3), dots(0.2, 0.8, 3)]
+    own: list[Indentor] = [dots(0.1), dots(0.18), dots(0.25), dots(0.1, 0.5, 3), dots(0.2, 0.8, 3)]
     own += [peak(0.05, linear=True), peak(0.15, linear=False)]
     return {name: parse_shape(name) for name in (*ROUND, *PRISMATIC)} | {shape.name: shape for shape in own}
 
@@ -109,9 +116,9 @@ def walk(finger: Fingertip, shape: Indentor, at: Sequence[tuple[float, float]], 
     aside = (ASIDE_MM, 0.0) if X in shape.placed_by else (0.0, ASIDE_MM)
     for x, z in (place for one in at for place in (one, tuple(np.add(one, aside)))):
         pressed = finger.keeping_ways()
-        place = {"x_mm": x if X in shape.placed_by else 0.0, "z_mm": plane_mm + z if Z in shape.placed_by else None}
+        at_x, at_z = x if X in shape.placed_by else 0.0, plane_mm + z if Z in shape.placed_by else None
         try:
-            results = [pressed.indent(shape, doi_mm=float(doi), **place) for doi in depths_mm]
+            results = [pressed.indent(shape, at_x, z_mm=at_z, doi_mm=float(doi)) for doi in depths_mm]
         except ModelRangeError as error:
             if error.code != "narrower_than_mesh":
                 raise

@@ -53,7 +53,7 @@ def main() -> None:
     for scene in scenes():
         ours, finer = (scene.pressed(finger) for finger in meshes)
         load = ours.force_n / finer.force_n if scene.doi_mm else ours.doi_mm / finer.doi_mm
-        sed, exact = (result.measures["sed"] for result in (ours, finer))
+        sed, exact = (result.receptor_measures["sed"] for result in (ours, finer))
         errors = [abs(load - 1), float(np.abs(sed - exact).max() / np.abs(exact).max())]
         before = worst.setdefault(scene.shape, [(0.0, scene)] * 2)
         worst[scene.shape] = [max(one, (error, scene)) for one, error in zip(before, errors, strict=True)]
