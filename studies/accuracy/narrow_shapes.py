@@ -93,8 +93,8 @@ class Walk:
 
     @property
     def jump(self) -> float:
-        """Largest change of force over 1 µm in place, relative to the force or a twentieth of the largest."""
-        scale = np.maximum(self.force, self.force.max() / 20)
+        """Largest change of force over 1 µm in place, relative to the force or a hundredth of the largest."""
+        scale = np.maximum(self.force, self.force.max() / 100)
         return float((np.abs(self.beside - self.force) / scale).max())
 
     @property

@@ -29,7 +29,7 @@ CARRIED: dict[str, Indentor] = {
 def test_force_of_a_narrow_shape_rises_with_depth_and_is_continuous_in_place(
     coarse_finger: Fingertip, shape: Indentor
 ) -> None:
-    found = walk(coarse_finger, shape, places(2, 2 * ELEMENT_MM), np.linspace(0.03, 0.45, 6))
+    found = walk(coarse_finger, shape, places(2, 2 * ELEMENT_MM), np.linspace(0.06, 0.45, 6))
     assert not found.refused
     assert found.residual <= 1e-10
     assert found.fall <= FALL
