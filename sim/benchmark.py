@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from rig_shared.outputs import Name, Output, Ratio, listed
 from sim.config import Contact, FingertipConfig, MeshSpec
-from sim.contact.indentor import ALONG, Prismatic
+from sim.contact.indentor import Prismatic
 from sim.fem.dissection import DissectionFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
@@ -48,13 +48,6 @@ Level = Annotated[str, listed(LEVELS)]
 SHARES = (0.65, 1.0)
 """Fractions of the default patch's half-widths; few of them, so that scenes share models."""
 
-_EVEN = {
-    "coarse": {"axial_spacing_mm": 0.27},
-    "default": {},
-    "fine": {"spacing_mm": 0.125, "axial_spacing_mm": 0.126},
-}
-"""Mesh of a level under shapes that slope along the finger too: the same spacing along it as across."""
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -75,12 +68,11 @@ class Candidate:
         return FingertipConfig(mesh=self.mesh)
 
 
-def of_level(model: ModelName, level: str, axes: tuple[int, ...], share: float) -> Candidate:
-    """Return a level's mesh for shapes that slope along some axes, on a fraction of the default patch."""
+def of_level(model: ModelName, level: str, share: float) -> Candidate:
+    """Return a level's mesh on a fraction of the default patch."""
     usual = MeshSpec()
     sizes = {name: share * getattr(usual, name) for name in ("patch_x_mm", "patch_z_mm", "round_patch_mm")}
-    values = {"level": level, **({} if axes == ALONG else _EVEN[level]), **sizes}
-    return Candidate(model, level, MeshSpec.model_validate(values))
+    return Candidate(model, level, MeshSpec.model_validate({"level": level, **sizes}))
 
 
 def nested(n: int, **other: float | str | bool) -> MeshSpec:

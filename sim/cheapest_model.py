@@ -554,7 +554,7 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected, *, measured: bo
     for rung in ranked:
         if worst[rung] <= aim.tolerance:
             held = {quantity: errors[rung][quantity] for quantity in aim.quantities}
-            mesh = of_level(*rung, situation.axes, expected.share(rung, situation)).mesh
+            mesh = of_level(*rung, expected.share(rung, situation)).mesh
             cost = expected.cost(rung, situation)
             return Choice(*rung, mesh, situation.axes, situation.sharp, aim, held, cost, tuple(passed), measured)
         passed.append(f"{rung.model} {rung.level} {_percent(worst[rung])}")

@@ -292,6 +292,12 @@ MESH_LEVELS: dict[str, dict[str, float]] = {
 }
 """Keys that a level sets unless the configuration does. Error against time: docs/validation/performance.md."""
 
+EVEN_LEVELS: dict[str, dict[str, float]] = {
+    "coarse": {"spacing_mm": 0.28, "axial_spacing_mm": 0.27},
+    "fine": {"spacing_mm": 0.125, "axial_spacing_mm": 0.126},
+}
+"""Spacings of a level under shapes that slope along the finger: the same along it as across."""
+
 
 AXIAL_STRETCH = 1.855
 """Axial over lateral spacing, chosen by error and time; at the default spacing a row lies at the start of the

@@ -96,7 +96,8 @@ def store(study: Study, printed: str, commit: str) -> int:
     found = matched(study, list(registry.tables_in(printed)))
     text = registry.REGISTRY.read_text(encoding="utf-8")
     for name, rows in found.items():
-        registry.write_table(name, rows, registry.RESULTS)
+        head = registry.read_table(name, registry.RESULTS)[0]
+        registry.write_table(name, [head, *rows[1:]], registry.RESULTS)
         text = re.sub(rf'^"{name}" = ".*"$', f'"{name}" = "{commit}"', text, flags=re.MULTILINE)
     replace_text(registry.REGISTRY, text)
     missing = [name for name in study.tables if name not in found]
@@ -106,16 +107,22 @@ def store(study: Study, printed: str, commit: str) -> int:
 
 
 def matched(study: Study, printed: list[Rows]) -> dict[str, Rows]:
-    """Return the printed table of each CSV: the first with its header; else the next, where as many are left."""
+    """Return the printed table of each CSV: the one with its header; else the next of its width, if as many are left.
+
+    The header of a CSV is written for readers, and stays.
+    """
+    heads = {name: registry.read_table(name, registry.RESULTS)[0] for name in study.tables}
     found: dict[str, Rows] = {}
-    for name in study.tables:
-        header = registry.read_table(name, registry.RESULTS)[0]
-        same = [rows for rows in printed if rows[0] == header]
+    for name, head in heads.items():
+        same = [rows for rows in printed if rows[0] == head]
         if same:
             found[name] = same[0]
             printed = [rows for rows in printed if rows is not same[0]]
-    rest = [name for name in study.tables if name not in found]
-    return found | (dict(zip(rest, printed, strict=True)) if len(rest) == len(printed) else {})
+    rest = [name for name in heads if name not in found]
+    if len(rest) == len(printed):
+        pairs = zip(rest, printed, strict=True)
+        found |= {name: rows for name, rows in pairs if len(rows[0]) == len(heads[name])}
+    return found
 
 
 def _commit() -> str:

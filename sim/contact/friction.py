@@ -340,14 +340,20 @@ def _copied(start: FrictionState, points: ContactPoints, force: Array) -> None:
 def _between(region: ContactRegion) -> Array:
     """Return the (k, m, k, m) compliance between a region's points (mm/N)."""
     skin = region.skin
-    (first, second), share = skin.carriers, skin.share
-    rows = skin.store[:, first]
-    if share.any():
-        rows = rows + share[None, :, None, None] * (skin.store[:, second] - rows)
-    columns = rows[..., first]
-    if share.any():
-        columns = columns + share * (rows[..., second] - columns)
-    return np.ascontiguousarray(columns.transpose(1, 0, 3, 2))
+    (first, second, third, fourth), (along, across) = skin.carriers, skin.share
+
+    def between(nodal: Array) -> Array:
+        """Interpolate values at nodes (n, …) to the points."""
+        shape = (-1,) + (1,) * (nodal.ndim - 1)
+        s, t, found = along.reshape(shape), across.reshape(shape), nodal[first]
+        if s.any():
+            found = found + s * (nodal[second] - found)
+        if t.any():
+            found = found + t * (nodal[third] + s * (nodal[fourth] - nodal[third]) - found)
+        return found
+
+    rows = between(skin.store.transpose(1, 0, 2, 3))  # (k, m, m, N)
+    return np.ascontiguousarray(between(rows.transpose(3, 0, 1, 2)).transpose(1, 2, 0, 3))
 
 
 def _normals(slope: Array) -> Array:

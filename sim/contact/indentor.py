@@ -294,10 +294,7 @@ class Revolved(_OfProfile):
 
     axes = BOTH
 
-    @property
-    def between_nodes(self) -> bool:
-        """Whether contact is enforced between nodes too: never for round shapes."""
-        return False
+    corners_only = True
 
     def turned(self, turn_deg: float) -> Indentor:
         """Raise ArgumentError: a round shape cannot be turned."""

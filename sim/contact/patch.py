@@ -11,6 +11,9 @@ Ints = NDArray[np.int64]
 
 X, Y, Z = range(3)
 
+STRIPS_ACROSS = (0.25, 0.5, 0.75)
+"""How far from one side of a face to the other its strips lie; along them points divide it into as many parts."""
+
 _ROWS_AT_ONCE = 64
 
 
@@ -50,13 +53,36 @@ class PatchNodes:
             rim[[0, -1]] = True
         return rim.ravel()
 
+    def spacing_mm(self, at_mm: tuple[float, ...]) -> float:
+        """Return the longer side of the elements around a place (mm) on a patch with two axes of slope."""
+        grid = self.position_mm.reshape(*self.shape, 3)
+        away = np.abs(grid[..., list(self.axes[:-1])] - np.array(at_mm)).max(axis=-1)
+        row, column = np.unravel_index(int(np.argmin(away)), self.shape)
+        around = grid[max(row - 1, 0) : row + 2, column], grid[row, max(column - 1, 0) : column + 2]
+        return max(float(np.linalg.norm(np.diff(line, axis=0), axis=1).max(initial=0.0)) for line in around)
+
     @cached_property
-    def segments(self) -> Ints:
-        """(n_segments, 2) neighboring nodes joined along each axis of slope."""
+    def strips(self) -> Ints:
+        """(4, n) nodes of both sides of strips of skin.
+
+        Segments between neighbors along each axis of slope come first, both sides the same; then, if there are two
+        such axes, the faces between them, once for each of their strips.
+        """
         number = np.arange(len(self)).reshape(self.shape)
-        ends = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}
-        joined = [np.stack([e.ravel() for e in ends[axis]], axis=1) for axis in self.axes[:-1]]
-        return np.concatenate(joined)
+        along = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}
+        sides = [(*along[axis], *along[axis]) for axis in self.axes[:-1]]
+        if len(sides) == 2:
+            first, second = along[X]
+            sides += [(first[:-1], second[:-1], first[1:], second[1:])] * len(STRIPS_ACROSS)
+        return np.concatenate([np.stack([nodes.ravel() for nodes in side]) for side in sides], axis=1)
+
+    @cached_property
+    def across(self) -> Array:
+        """(n,) how far from its first side to its second each strip lies."""
+        rows, columns = self.shape
+        faces = (rows - 1) * (columns - 1) if len(self.axes) == 3 else 0
+        segments = self.strips.shape[1] - len(STRIPS_ACROSS) * faces
+        return np.concatenate([np.zeros(segments), np.repeat(STRIPS_ACROSS, faces)])
 
 
 @dataclass(frozen=True)

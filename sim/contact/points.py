@@ -1,4 +1,4 @@
-"""Points where contact is enforced: nodes, and points of the segments between them."""
+"""Points where contact is enforced: nodes, and points of the segments and faces between them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 PARTS = 4
-"""Number of parts into which the points between nodes divide a segment."""
+"""Number of parts into which the points between nodes divide a segment, and a face each way."""
 
 _INNER = PARTS - 1
 _BENT_MM = 1e-7  # an indentor that deviates from a segment's chord by less counts as straight
@@ -31,6 +31,7 @@ class ContactPose:
     at_mm: tuple[float, ...]  # reference point along the indentor's axes
     height_mm: float
     scale_mm: float  # D = max(DOI, 1 µm)
+    narrow: bool = False  # whether contact between nodes is enforced within faces, too
 
     def gap(self, tangential_mm: Array, y_mm: Array) -> Surface:
         """Return vertical gap (mm), slope and curvature of the indentor over points at (m, k) and y."""
@@ -48,7 +49,7 @@ class ContactPose:
 
 
 class SkinNodes(Protocol):
-    """Nodes of the skin and the segments between them."""
+    """Nodes of the skin, the segments between them, and strips of the faces between these."""
 
     @property
     def tangential_mm(self) -> Array:
@@ -59,13 +60,17 @@ class SkinNodes(Protocol):
         """(n,) undeformed heights (mm)."""
 
     @property
-    def segments(self) -> Ints:
-        """(n_segments, 2) nodes joined along the axes of slope."""
+    def strips(self) -> Ints:
+        """(4, n) nodes of two opposite sides: of each segment twice the same, then of each face, once for a strip."""
+
+    @property
+    def across(self) -> Array:
+        """(n,) how far from the first side to the second a strip lies: 0 for segments."""
 
 
 @dataclass(frozen=True)
 class ContactPoints:
-    """Nodes, then points between nodes numbered _INNER · segment + index along it."""
+    """Nodes, then points between nodes numbered _INNER · strip + index along it."""
 
     nodes: Ints  # (k − e,) ascending
     between: Ints  # (e,) ascending
@@ -94,16 +99,18 @@ class ContactPoints:
 
     def on(self, skin: SkinNodes) -> "SkinPoints":
         """Return the points bound to a skin, so that they interpolate its nodal values."""
-        return SkinPoints(skin, *points_between_nodes.carried(self.nodes, self.between, skin.segments, PARTS))
+        return SkinPoints(
+            skin, *points_between_nodes.carried(self.nodes, self.between, skin.strips, skin.across, PARTS)
+        )
 
 
 @dataclass(frozen=True)
 class SkinPoints:
-    """Points of a skin: some of its nodes, then points between two of them."""
+    """Points of a skin: some of its nodes, then points between two or four of them."""
 
     skin: SkinNodes
-    around: Ints  # (2, k) nodes around each point; at a node, both are that node
-    share: Array  # (k,) weight of the second node
+    around: Ints  # (4, k) nodes around each point; at a node, all are that node
+    share: Array  # (2, k) shares from the first to the second of them, and from these two to the other two
 
     @cached_property
     def tangential_mm(self) -> Array:
@@ -117,8 +124,9 @@ class SkinPoints:
 
     @property
     def carriers(self) -> tuple[Ints, Array]:
-        """(2, k) nodes around each point and their weights."""
-        return self.around, np.stack([1 - self.share, self.share])
+        """(4, k) nodes around each point and their weights."""
+        s, t = self.share
+        return self.around, np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
 
     def interpolate(self, nodal: Array) -> Array:
         """Interpolate (r, n) nodal values to (r, k) values at the points, or (n,) to (k,)."""
@@ -138,35 +146,40 @@ class Survey:
     skin: SkinNodes
     u: Array  # (m, n) mm
     surface: Surface  # over the nodes
-    segments: Ints  # (s,) segments that may be touched between their nodes
+    strips: Ints  # (s,) strips that may be touched between their nodes
     gap_mm: Array  # (s, _INNER) at the points between nodes
-    below_chord: Bools  # (s, _INNER) whether the indentor is below the segment's chord there
+    below_chord: Bools  # (s, _INNER) whether the indentor is below the skin between the nodes there
 
     @classmethod
     def of(cls, pose: ContactPose, skin: SkinNodes, u: Array, *, between: bool) -> "Survey":
-        """Survey the skin; segments are included down to 0.3 mm below the indentor's lowest point."""
+        """Survey the skin; points between nodes are included down to 0.3 mm below the indentor's lowest point."""
         tangential, y = skin.tangential_mm + u[:-1], skin.y + u[-1]
         surface = pose.gap(tangential, y)
         if not between:
             nothing = np.zeros((0, _INNER))
             return cls(pose, skin, u, surface, np.zeros(0, np.int64), nothing, nothing > 0)
-        segments, at, at_y = points_between_nodes.spread(
-            tangential, y, skin.segments, pose.height_mm - _REACH_MM, PARTS
+        joined = len(skin.across) if pose.narrow else int(np.searchsorted(skin.across, 0.0, side="right"))
+        strips, across = skin.strips[:, :joined], skin.across[:joined]
+        which, at, at_y = points_between_nodes.spread(
+            tangential, y, strips, across, pose.height_mm - _REACH_MM, PARTS
         )
         gap = pose.gap(at, at_y).height_mm.reshape(-1, _INNER)
-        below = points_between_nodes.below_chord(surface.height_mm, skin.segments, segments, gap, _BENT_MM)
+        below = points_between_nodes.below_chord(surface.height_mm, strips, across, which, gap, _BENT_MM)
         if pose.indentor.corners_only:
-            below &= _turns(pose, tangential[:, skin.segments[segments]])[:, None]
-        return cls(pose, skin, u, surface, segments, gap, below)
+            close = np.flatnonzero((below & (gap < _REACH_MM)).any(axis=1))
+            which, gap, below = which[close], gap[close], below[close]
+            diagonals = [skin.tangential_mm[:, strips[ends][:, which].T] for ends in ([0, 3], [1, 2])]
+            below &= np.any([_turns(pose, diagonal) for diagonal in diagonals], axis=0)[:, None]
+        return cls(pose, skin, u, surface, which, gap, below)
 
     def near(self, pose: ContactPose, gap_mm: float) -> ContactPoints:
         """Return nodes within a gap of the indentor at another height, and points between nodes where it bends."""
         lower_mm = self.pose.height_mm - pose.height_mm
-        if len(self.segments) and lower_mm + gap_mm > _REACH_MM:
+        if len(self.strips) and lower_mm + gap_mm > _REACH_MM:
             return Survey.of(pose, self.skin, self.u, between=True).near(pose, gap_mm)
         height, gap = self.surface.height_mm, self.gap_mm
         return ContactPoints(
-            *points_between_nodes.closer(height, gap, self.below_chord, self.segments, lower_mm, gap_mm)
+            *points_between_nodes.closer(height, gap, self.below_chord, self.strips, lower_mm, gap_mm)
         )
 
     @cached_property
@@ -184,7 +197,7 @@ class Survey:
     def _points(self, mask: Bools) -> Ints:
         """Return the numbers of points between nodes selected by a mask (s, _INNER)."""
         row, index = np.nonzero(mask)
-        return np.asarray(_INNER * self.segments[row] + index)
+        return np.asarray(_INNER * self.strips[row] + index)
 
 
 def displaced_gap(pose: ContactPose, points: SkinPoints, u: Array) -> Surface:
@@ -199,8 +212,12 @@ def norm(slope: Array) -> Array:
 
 
 def _turns(pose: ContactPose, s: Array) -> Bools:
-    """Return (n_segments,) whether the indentor turns within less than 0.5 mm over segments (m, n_segments, 2)."""
-    share = np.arange(PARTS + 1) / PARTS
+    """Return (n,) whether the indentor turns within less than 0.5 mm about lines (m, n, 2) of the undeformed skin.
+
+    It is measured a quarter beyond their ends: points slide. Where they slid to does not count, so that no point is
+    left out at a depth that takes part at another.
+    """
+    share = np.arange(-1, PARTS + 2) / PARTS
     at = (s[..., :1] + np.diff(s) * share).reshape(len(s), -1)
     slope = pose.indentor.evaluate(at - np.array(pose.at_mm)[:, None]).slope
     normal = (np.concatenate([slope, -np.ones_like(slope[:1])]) / norm(slope)).reshape(-1, s.shape[1], len(share))

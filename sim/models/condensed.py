@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from sim.config import FingertipConfig, Tissue
+from sim.config import EVEN_LEVELS, MESH_LEVELS, FingertipConfig, Tissue
 from sim.contact.patch import Patch, X, Y
 from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import assemble_upper, stiffness
@@ -52,7 +52,7 @@ def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipCon
     """Return the configuration with the mesh for indentors that slope along some axes.
 
     Shapes prismatic along the finger allow longer elements. Under round shapes and the line the spacing is even
-    unless it is configured; round shapes have a patch of their own.
+    unless it is configured, not by its level; round shapes have a patch of their own.
     """
     if slopes == (X,):
         return config
@@ -60,6 +60,9 @@ def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipCon
     other: dict[str, float] = {}
     if mesh.axial_spacing_mm is None:
         other["axial_spacing_mm"] = mesh.spacing_mm
+    even = EVEN_LEVELS.get(mesh.level, {})
+    if even and all(getattr(mesh, name) == MESH_LEVELS[mesh.level][name] for name in even):
+        other |= even
     if len(slopes) > 1 and mesh.round_patch_mm:  # 0 after `sim/models/sources.py` has widened the patch
         other |= {"patch_x_mm": mesh.round_patch_mm, "patch_z_mm": mesh.round_patch_mm}
     return config.model_copy(update={"mesh": mesh.model_copy(update=other)})

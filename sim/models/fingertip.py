@@ -369,6 +369,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             pressing = self._pressing(PlacedIndentor(shape, at_mm, height, touch, model), target)
             began = time.thread_time()
             pressing.placed.refuse_touch_outside()
+            pressing.placed.refuse_narrow()
             with _threads().limit(limits=1, user_api="blas"):
                 doi, state = self._solve(pressing, doi_mm, force_gwt, start)
                 others = pressing.by_other_paths(doi) if other_paths and state.snapped else []

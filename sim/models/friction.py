@@ -192,13 +192,13 @@ def _joined_along(patch: Patch, slopes: tuple[int, ...]) -> Patch:
 
     Segments along another axis join each node to itself, so that results number the points alike.
     """
-    across = len(replace(patch, axes=(X, Y)).segments) if len(patch.axes) > 2 else len(patch.segments)
-    segments = patch.segments.copy()
+    across = len(replace(patch, axes=(X, Y)).across) if len(patch.axes) > 2 else len(patch.across)
+    strips = patch.strips.copy()
     for axis, some in ((X, slice(0, across)), (Z, slice(across, None))):
         if axis not in slopes:
-            segments[some, 1] = segments[some, 0]
+            strips[:, some] = strips[:1, some]
     joined = replace(patch)
-    vars(joined)["segments"] = segments  # as cached_property stores them
+    vars(joined)["strips"] = strips  # as cached_property stores them
     return joined
 
 
@@ -206,7 +206,7 @@ def _part(start: ContactPose, end: ContactPose, share: float) -> ContactPose:
     """Return the pose at a share of the straight way from one pose to another."""
     at = tuple((1 - share) * a + share * b for a, b in zip(start.at_mm, end.at_mm, strict=True))
     height = (1 - share) * start.height_mm + share * end.height_mm
-    return ContactPose(end.indentor, at, height, (1 - share) * start.scale_mm + share * end.scale_mm)
+    return replace(end, at_mm=at, height_mm=height, scale_mm=(1 - share) * start.scale_mm + share * end.scale_mm)
 
 
 @dataclass(frozen=True)
@@ -305,6 +305,7 @@ class Rubbed:
             model,
         )
         placed.refuse_touch_outside()
+        placed.refuse_narrow()
         return placed
 
     def _pressed(

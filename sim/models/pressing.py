@@ -38,6 +38,11 @@ _LEAST_SCALE_MM = 1e-3
 _FORCE_GUESS_MM = 0.3
 _AXIS_NAMES = {X: "x", Z: "z"}
 
+NARROWEST, NARROW, _SECTION = 0.7, 1.5, 0.4
+"""Least radius of an indentor, radius below which contact is enforced within faces, and the height above its first
+touch at which it is measured, in elements."""
+_FARTHEST, _ANGLES, _RADII = 3.0, 12, 30  # where the radius is searched: to so many elements, at so many places
+
 
 class RimError(ModelRangeError, TooDeepError):
     """Error of an indentor that would touch skin outside the patch, at (x, z) and perhaps elsewhere (mm)."""
@@ -86,7 +91,8 @@ class PlacedIndentor:
 
     def pose(self, doi_mm: float) -> ContactPose:
         """Return the pose at a depth."""
-        return ContactPose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, _LEAST_SCALE_MM))
+        scale_mm, narrow = max(doi_mm, _LEAST_SCALE_MM), self._radius < NARROW
+        return ContactPose(self.indentor, self.place, self.zero_mm - doi_mm, scale_mm, narrow)
 
     @property
     def first_mm(self) -> float:
@@ -134,6 +140,46 @@ class PlacedIndentor:
         patch = self.model.patch
         at = state.held.on(patch).interpolate(patch.tangential_mm + state.displacement[:-1])
         return at - np.array(self.place)[:, None]
+
+    def refuse_narrow(self) -> None:
+        """Raise ModelRangeError if the indentor is narrower, where it first touches, than the mesh carries.
+
+        A tip between nodes moves the skin as an element does: the force would depend on the place within the element,
+        and fall where points slide off the tip.
+        """
+        if self._radius < NARROWEST:
+            size = self._element_mm
+            at = ", ".join(
+                f"{_AXIS_NAMES[axis]} = {mm:.2f}" for axis, mm in zip(self.indentor.axes, self.place, strict=True)
+            )
+            raise ModelRangeError(
+                f"{self.indentor.name} at {at} mm: its tip has a radius of {self._radius * size:.3f} mm, "
+                f"{_SECTION * size:.3f} mm above the first touch; elements of {size:.3f} mm carry at least "
+                f"{NARROWEST * size:.3f} mm; use a wider indentor, mesh.level = 'fine' or a smaller mesh.spacing_mm",
+                "narrower_than_mesh",
+            )
+
+    @cached_property
+    def _element_mm(self) -> float:
+        """Longer side of the elements where the indentor first touches (mm)."""
+        return self.model.patch.spacing_mm(self.touch.at_mm)
+
+    @cached_property
+    def _radius(self) -> float:
+        """Radius of a circle as large as the indentor's section above its first touch, in elements.
+
+        The section is what is seen from the first touch within three elements; infinite for a prismatic shape.
+        """
+        if not self.indentor.corners_only:
+            return np.inf
+        radii = _FARTHEST * self._element_mm * np.arange(1, _RADII + 1) / _RADII
+        angle = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
+        touch = (np.array(self.touch.at_mm) - np.array(self.place))[:, None]
+        rays = np.stack([np.cos(angle), np.sin(angle)])[:, :, None] * radii
+        level_mm = self.indentor.evaluate(touch).height_mm[0] + _SECTION * self._element_mm
+        height_mm = self.indentor.evaluate(touch + rays.reshape(2, -1)).height_mm.reshape(_ANGLES, _RADII)
+        within = np.logical_and.accumulate(height_mm <= level_mm, axis=1).mean(axis=1)
+        return float(_FARTHEST * np.sqrt(((within + 0.5 / _RADII) ** 2).mean()))
 
     def refuse_touch_outside(self) -> None:
         """Raise RimError if the indentor first touches skin beside the patch."""

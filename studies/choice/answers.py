@@ -65,7 +65,7 @@ def _read(kept: Path) -> dict[tuple[str, int], Row]:
 
 def _answered(task: SolverTask) -> list[Row]:
     solver = task.solver
-    candidate = of_level(*solver)
+    candidate = of_level(solver.model, solver.level, solver.share)
     config = candidate.config.model_copy(update={"contact": Contact(patch_gb=task.patch_gb)})
     before = time.process_time()
     with threadpool_limits(1):

@@ -83,7 +83,7 @@ def node_near(finger: Fingertip, x_mm: float) -> float:
 @every_family
 def test_contact_converges_at_grazing_depths_with_ascending_force(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # First touch is on the continuous skin, contact at nodes and points between them: a shape that touches between
-    # two of them carries nothing yet, latest the cone's tip, at 0.04 mm.
+    # two of them carries nothing yet.
     finger, shape, x = pressed
     results = [finger.indent(shape, x, doi_mm=doi) for doi in (1e-6, 1e-4, 1e-3, 0.01, 0.05)]
     force = np.array([r.force_gwt for r in results])

@@ -105,6 +105,22 @@ def test_a_printed_table_is_stored_in_the_file_with_its_header(tree: Path) -> No
     assert (tree / "registry.toml").read_text("utf-8").count("12345678") == 1
 
 
+@pytest.mark.parametrize(
+    ("head", "code", "stored"),
+    [("| C | in D |", 0, [["c", "d"], ["7", "8"]]), ("| C | D | E |", 1, [["c", "d"], ["3", "a \\| b"]])],
+)
+def test_a_stored_table_keeps_its_heading_whatever_the_study_prints(
+    tree: Path, head: str, code: int, stored: list[list[str]]
+) -> None:
+    """A printed table of another width is none of the study's tables."""
+    (study,) = registry.studies(tree / "registry.toml").values()
+    columns = head.count("|") - 1
+    row = "| " + " | ".join(map(str, range(7, 7 + columns))) + " |"
+    printed = f"| a | b |\n|---|---|\n| 1 | 2 |\n\n{head}\n{'|---' * columns}|\n{row}\n"
+    assert runner.store(study, printed, "abcdef12") == code
+    assert registry.read_table("one/second", tree / "results") == stored
+
+
 def test_tables_printed_by_consecutive_commands_stay_apart(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However often the study is run."""
     printed = {"first": "| a | b |\n|---|---|\n| 1 | 2 |\n", "second": "| c | d |\n|---|---|\n| 3 | 4 |\n| 5 | 6 |\n"}

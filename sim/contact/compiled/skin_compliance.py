@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.compiling import compiled
+from sim.contact.compiled.points_between_nodes import bilinear, weight
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -16,8 +17,8 @@ class SkinCompliance(NamedTuple):
 
     store: Array  # (m, N, m, N) mm/N: motion of nodes along the second pair by forces along the first
     nodes: int  # number of the N rows in use
-    carriers: Ints  # (2, k) nodes around each point
-    share: Array  # (k,) weight of the second node: 0 at a node
+    carriers: Ints  # (4, k) nodes around each point
+    share: Array  # (2, k) shares along and across the strip between them: 0 at a node
 
 
 @compiled
@@ -45,46 +46,67 @@ def worked(
     The first row has `width` columns, each following row one more; the rest is zero.
     """
     store, carriers, share = skin.store, skin.carriers, skin.share
-    m, n = len(row_force), len(columns)
-    found = np.zeros((len(rows), n))
-    first, second, part = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    for c in range(n):
-        first[c], second[c], part[c] = carriers[0, columns[c]], carriers[1, columns[c]], share[columns[c]]
+    m, count = len(row_force), len(columns)
+    found = np.zeros((len(rows), count))
+    first, second, third, fourth = carriers[:, columns]
+    along, across = share[:, columns]
+    faces = across.any()
+    mixed = np.empty(skin.nodes)
     for r in range(len(rows)):
-        i, k, t = carriers[0, rows[r]], carriers[1, rows[r]], share[rows[r]]
+        i, k, t = carriers[0, rows[r]], carriers[1, rows[r]], share[0, rows[r]]
+        within = share[1, rows[r]] > 0.0
         for a in range(m):
             f = row_force[a, r]
             if f == 0.0:
                 continue
             for b in range(m):
                 near, far = store[a, i, b], store[a, k, b]
-                for c in range(min(width + r, n)):
+                if within:
+                    for n in range(skin.nodes):
+                        mixed[n] = _mixed(store, a, b, n, carriers, share, rows[r])
+                    near, t = mixed, 0.0
+                for c in range(min(width + r, count)):
                     g = f * column_force[b, c]
                     if g == 0.0:
                         continue
                     motion = near[first[c]]
                     if t > 0.0:
                         motion += t * (far[first[c]] - motion)
-                    if part[c] > 0.0:
+                    if along[c] > 0.0:
                         end = near[second[c]]
                         if t > 0.0:
                             end += t * (far[second[c]] - end)
-                        motion += part[c] * (end - motion)
+                        motion += along[c] * (end - motion)
+                    if faces and across[c] > 0.0:
+                        beside, end = near[third[c]], near[fourth[c]]
+                        if t > 0.0:
+                            beside += t * (far[third[c]] - beside)
+                            end += t * (far[fourth[c]] - end)
+                        motion += across[c] * (beside + along[c] * (end - beside) - motion)
                     found[r, c] += g * motion
     return found
+
+
+@compiled
+def _mixed(store: Array, a: int, b: int, node: int, carriers: Ints, share: Array, p: int) -> float:
+    """Return the motion of a node along b by a force along a at a point within a face."""
+    t, s = share[:, p]
+    near, far = store[a, carriers[0, p], b, node], store[a, carriers[2, p], b, node]
+    near += t * (store[a, carriers[1, p], b, node] - near)
+    far += t * (store[a, carriers[3, p], b, node] - far)
+    return near + s * (far - near)
 
 
 @compiled
 def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     """Return (m, k) displacements in mm of all points by forces (m, r) at the loaded ones."""
     store, count, carriers, share = skin
-    m, k = len(store), len(share)
+    m, k = len(store), share.shape[1]
     nodal = np.zeros((m, count))
     for p in range(len(loaded)):
         for a in range(m):
-            for end in range(2):
-                t = share[loaded[p]]
-                f = force[a, p] * (t if end else 1.0 - t)
+            for end in range(4 if share[1, loaded[p]] > 0.0 else 2):
+                f = force[a, p] * weight(share[0, loaded[p]], share[1, loaded[p]], end)
                 if f == 0.0:
                     continue
                 for b in range(m):
@@ -94,8 +116,7 @@ def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     found = np.empty((m, k))
     for b in range(m):
         for p in range(k):
-            near, far = nodal[b, carriers[0, p]], nodal[b, carriers[1, p]]
-            found[b, p] = near + share[p] * (far - near)
+            found[b, p] = bilinear(nodal, b, carriers, p, share[0, p], share[1, p])
     return found
 
 
