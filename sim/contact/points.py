@@ -220,6 +220,7 @@ def _turns(pose: ContactPose, s: Array) -> Bools:
     share = np.arange(-1, PARTS + 2) / PARTS
     at = (s[..., :1] + np.diff(s) * share).reshape(len(s), -1)
     slope = pose.indentor.evaluate(at - np.array(pose.at_mm)[:, None]).slope
-    normal = (np.concatenate([slope, -np.ones_like(slope[:1])]) / norm(slope)).reshape(-1, s.shape[1], len(share))
+    normal = np.concatenate([slope, -np.ones_like(slope[:1])]) / norm(slope)
+    normal = normal.reshape(len(normal), s.shape[1], len(share))
     turn = np.linalg.norm(np.diff(normal), axis=0).sum(axis=1)
     return np.asarray(turn * SHARP_RADIUS_MM > np.hypot.reduce(np.diff(s)[..., 0], axis=0))

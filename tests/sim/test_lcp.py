@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 def solve(w: Array, q: Array, start: NDArray[np.bool_]) -> LcpSolution | None:
     n = len(q)
-    nodes = SkinCompliance(np.ascontiguousarray(w)[None, :, None], n, np.stack([np.arange(n)] * 2), np.zeros(n))
+    nodes = SkinCompliance(np.ascontiguousarray(w)[None, :, None], n, np.stack([np.arange(n)] * 4), np.zeros((2, n)))
     return solve_lcp(q, nodes, np.ones((1, n)), start)
 
 
