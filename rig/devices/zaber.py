@@ -174,8 +174,8 @@ class ZaberAxis(CountedAxis[Look]):
         alerted = self.link.alerts.pop((self._address.address, self._address.axis), NO_WARNING)
         found = {reply.warning, alerted} - {NO_WARNING}
         if found and not any(FAULTS.get(flag, UNKNOWN)[0] is FaultKind.ALARM for flag in found):
-            _, *listed = self.link.ask(self._address.address, self._address.axis, "warnings").data.split()
-            found |= {*listed}
+            listed = self.link.ask(self._address.address, self._address.axis, "warnings").data.split()
+            found |= {*listed[1:]}  # after their number
         return found
 
     # --- helpers ---

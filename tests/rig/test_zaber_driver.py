@@ -85,6 +85,14 @@ def _echo(data: bytes) -> bytes:
     return sealed(f"@01 1 {data[5:7].decode()} OK IDLE -- 0")
 
 
+def test_an_empty_list_of_warnings_is_read_as_the_warning_of_the_reply() -> None:
+    bench = StageBench(chain.DEVICE, homed=True)
+    bench.wire.state = "rested"
+    usual = bench.stage.status()
+    bench.wire.instead[b"2 1 warnings"] = b"@02 1 OK IDLE NI  "
+    assert bench.stage.status() == usual
+
+
 # --- the stage on the virtual chain ---
 
 
