@@ -75,9 +75,9 @@ class Announced(Announcement, frozen=True):
     ) -> Callable[[float], dict[str, Any]]:
         """Send a stop without waiting for a reply. Raises ControlError if it is not sent.
 
-        It waits so long only where more clients than the system keeps are before it. The returned function waits for
-        the reply, up to the given seconds, and calls `lives` at the first sign of the owner; an owner without one may
-        hang.
+        within_s: longest wait for a place, where more clients are before it than the system keeps. The returned
+        function waits for the reply, up to the given seconds, and calls `lives` at the first sign of the owner; an
+        owner without one may hang.
         """
         key = bytes.fromhex(self.key)
         stop, message = stop_message(key, by)  # First: the owner wakes when this connects.

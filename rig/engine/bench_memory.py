@@ -145,8 +145,9 @@ class BenchMemory:
         """
         last = self.read()
         before, clear = last.contact, last.is_lifted
-        lifted = {"lifted_unix_s": known.unix_s, "lifted_by_unix_s": self.began_unix_s}
-        lifted = lifted if known.kind in ("lifted", "raised") else {}
+        lifted = {}
+        if known.kind in ("lifted", "raised"):
+            lifted = {"lifted_unix_s": known.unix_s, "lifted_by_unix_s": self.began_unix_s}
         if clear and known.kind == "raised":
             self._write(**lifted)
             return

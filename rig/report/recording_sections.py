@@ -266,7 +266,7 @@ class Deflection:
 
     @property
     def contents(self) -> str:
-        """What was read: the depth, the points, their places, and the range of the deflections."""
+        """Depth, points, places and range of the deflections, in words."""
         depth = "" if math.isnan(self.doi_mm) else f"DOI {self.doi_mm:g} mm: "
         down_mm, z_mm = self.deflection_mm, self.z_mm
         return (
@@ -333,7 +333,8 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         text += (
             f" {number_of(beside, 'points')} beside the patch of the model {'is' if beside == 1 else 'are'} left out."
         )
-    text += f"\n\nMeasured: {source}. " * bool(source) + " ".join(one.contents for one in measured)
+    if measured:
+        text += "\n\n" + " ".join([f"Measured: {source}."] * bool(source) + [one.contents for one in measured])
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (deflections(profiles, measured),))
 

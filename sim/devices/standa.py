@@ -220,7 +220,7 @@ class VirtualStandaController(CountedMotor):
     # --- motion ---
 
     def _begins(self, command: int) -> bool:
-        """Whether a motion begins, which an alarm prevents."""
+        """Return whether a motion begins: not with an alarm."""
         self._command, self._failed, self._searching = command, bool(self.flags & ALARM), False
         if not self._failed:
             self._power = POWER_ON

@@ -41,7 +41,7 @@ _AXIS_NAMES = {X: "x", Z: "z"}
 NARROWEST, NARROW, _SECTION = 0.7, 1.5, 0.4
 """Least radius of an indentor, radius below which contact is enforced within faces, and the height above its first
 touch at which it is measured, in elements."""
-_FARTHEST, _ANGLES, _RADII = 3.0, 12, 30  # where the radius is searched: to so many elements, at so many places
+_FARTHEST, _ANGLES, _RADII = 3.0, 12, 30  # of the search for the radius: distance in elements, rays, steps on each
 
 
 class RimError(ModelRangeError, TooDeepError):

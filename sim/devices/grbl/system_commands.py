@@ -42,7 +42,7 @@ class GrblSystem(GrblRealtime):
 
     @cached_property
     def _system_lines(self) -> dict[str, Callable[[], int | None]]:
-        """What executes a line."""
+        """Handlers of whole lines."""
         return {
             "$": lambda: self._print(core.HELP),
             "$G": lambda: self._print(core.parser_state(self._modal, self._settings.flag(INCHES))),
@@ -57,7 +57,7 @@ class GrblSystem(GrblRealtime):
 
     @cached_property
     def _with_values(self) -> dict[str, Callable[[str], int | None]]:
-        """What executes lines that begin so, with the rest of the line."""
+        """Handlers of lines by how they begin; each gets the rest of its line."""
         return {"$H": self._home, "$I=": self._store_build, "$N": self._store_startup}
 
     def _store(self, text: str) -> int:
