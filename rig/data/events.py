@@ -39,6 +39,7 @@ Verb = Annotated[str, "verb of the press: indent or ramp"]
 Increments = Annotated[int, "number of holds, at equal parts of the target"]
 AskedSpeed = Annotated[float, "speed that the protocol asked for, of the press or the ramp"]
 AskedHold = Annotated[float, "duration of each hold that the protocol asked for"]
+AskedRest = Annotated[float, "shortest time from the last lift-off to the touch that the protocol asked for"]
 PredictedDepth = Annotated[float, "depth in the last hold that the finger model predicts"]
 PredictedForce = Annotated[float, "force in the last hold that the finger model predicts"]
 DepthSd = Annotated[float, "standard deviation of doi_mm, from the step of the stage and the compliance"]
@@ -85,6 +86,7 @@ class IndentationStartEvent(PressEvent):
     increments: Increments
     speed_mm_s: AskedSpeed
     hold_s: AskedHold
+    rest_s: AskedRest | None = None
     predicted_doi_mm: PredictedDepth | None = None
     predicted_force_gwt: PredictedForce | None = None
     block: Block | None = None
@@ -122,6 +124,7 @@ class TouchEvent(PressEvent):
     fit_points: Annotated[int, "number of readings in the fit"]
     doi_bias_mm: Annotated[float, "depth already reached when the force exceeded the threshold, from the fit"]
     doi_mm: Depth
+    rested_s: Annotated[float, "time from the last lift-off to this touch"] | None = None
     true_doi_bias_mm: Annotated[float, "virtual bench only: true depth at the touch minus doi_mm"] | None = None
 
 

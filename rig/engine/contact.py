@@ -60,7 +60,9 @@ class ContactRecord:
 
     measured_s: time of the measurement on a clock that also counts while the computer sleeps. at_rest: whether
     nothing has moved since. may_touch: whether the indentor was below clearance since the last lift or homing.
-    force_gwt: last reading from a zero, in a motion as well. unread: why the last force at rest is missing.
+    force_gwt: last reading from a zero, in a motion as well. lifted_off_s: time of the first one without a touch
+    since the last touch, on the clock of the bench; None while a touch is read. unread: why the last force at rest is
+    missing.
     """
 
     measured: KnownContact = field(default_factory=KnownContact)
@@ -68,11 +70,20 @@ class ContactRecord:
     at_rest: bool = False
     may_touch: bool = False
     force_gwt: float | None = None
+    lifted_off_s: float | None = -math.inf
     unread: str | None = None
 
     def is_fresh(self, now_s: float) -> bool:
         """Return whether the measurement still shows whether a finger is touched."""
         return now_s - self.measured_s <= FRESH_S
+
+    def after_force(self, force_gwt: float | None, touch_gwt: float, clock_s: float) -> Self:
+        """Return the contact after a reading from a zero (gwt), or after one without a zero (None)."""
+        if force_gwt is None:
+            return replace(self, force_gwt=None)
+        touches = abs(force_gwt) >= touch_gwt
+        first_s = clock_s if self.lifted_off_s is None else self.lifted_off_s
+        return replace(self, force_gwt=force_gwt, lifted_off_s=None if touches else first_s)
 
     def after_measuring(self, found: KnownContact, now_s: float) -> Self:
         """Return the contact just measured at rest; a confirmed lift ends a possible touch."""

@@ -19,8 +19,11 @@ from rig.engine.limits import (
     ContactTime,
     FingerStiffness,
     Heartbeat,
+    Stopping,
     Touched,
+    TouchLimit,
     Trips,
+    late_reading_s,
     longer_than_an_increment,
     park_height_mm,
     refuse_height,
@@ -152,15 +155,16 @@ class Engine:
         speed_mm_s: float,
         *,
         touch_ends_it: bool = False,
+        expected_below_mm: float = math.inf,
         on_reading: OnReading | None = None,
     ) -> Outcome:
         """Move vertically.
 
-        Below clearance a move down is at most one increment, or ends just above an earlier contact, or is a ramp,
-        whose readings `on_reading` receives as they arrive.
+        Below clearance a move down is at most one increment, or ends just above an earlier contact, or above where
+        contact is expected at a place beside one, or is a ramp, whose readings `on_reading` receives as they arrive.
         """
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
-        free_mm = height_mm if on_reading else self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
+        free_mm = height_mm if on_reading else self.free_mm(speed_mm_s, expected_below_mm)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
             self._below_clearance()
@@ -169,6 +173,7 @@ class Engine:
         watch = Watch(
             away=height_mm > from_mm,
             touch_ends_it=not on_reading and (long or touch_ends_it),
+            late_s=late_reading_s(self.settings) if long and not on_reading else math.inf,
             on_reading=on_reading,
             # A ramp is polled from its start, so that it is late as soon as a hold is.
             lasts_s=0.0 if on_reading else abs(height_mm - from_mm) / speed_mm_s,
@@ -220,9 +225,27 @@ class Engine:
 
     def note_force(self, force_gwt: float | None) -> None:
         """Note a force read in a motion (gwt); above clearance it renews or ends a measured lift."""
-        self.contact = replace(self.contact, force_gwt=force_gwt if self.sensing.zeroed else None)
+        self._keep_force(force_gwt)
         if force_gwt is not None:
             self._renew_lift(force_gwt)
+
+    def _keep_force(self, force_gwt: float | None) -> None:
+        known_gwt = force_gwt if self.sensing.zeroed else None
+        self.contact = self.contact.after_force(known_gwt, self.sensing.touch_gwt, self.clock.monotonic_s())
+
+    @property
+    def touch_limit(self) -> TouchLimit:
+        """Speed of a motion that a touch ends, with the present trips."""
+        stiffness = self.touched.stiffest(self.stiffness)
+        return TouchLimit.of(self.settings, self.trips.lowest_gwt, self.sensing.touch_gwt, stiffness)
+
+    def free_mm(self, speed_mm_s: float, expected_below_mm: float) -> float:
+        """Return the height (mm) down to which one move at this speed is safe at the present position.
+
+        expected_below_mm: highest height at which contact is expected.
+        """
+        farther_mm = Stopping.at_a_touch(self.settings, speed_mm_s).distance_mm - self.touch_limit.stop_mm
+        return self.touched.free_mm(self.x_mm, self.along_mm, expected_below_mm) + max(farther_mm, 0.0)
 
     def limit_depth(self, height_mm: float) -> None:
         """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
@@ -331,7 +354,7 @@ class Engine:
         except NoReadingError as error:
             self.contact = replace(self.contact, unread=str(error))
             return None
-        self.contact = replace(self.contact, force_gwt=force_gwt)
+        self._keep_force(force_gwt)
         return force_gwt
 
     # --- force ---
@@ -344,7 +367,7 @@ class Engine:
         reading = self.reading()
         # Rounding makes a reading at exactly the threshold independent of its unit conversion.
         force_gwt = round(reading.force_n / GWT_N, 6)
-        self.contact = replace(self.contact, force_gwt=force_gwt if self.sensing.zeroed else None)
+        self._keep_force(force_gwt)
         doi_mm = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force_gwt)
         if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
             self.contact_time.begin()
@@ -395,6 +418,7 @@ class Engine:
         if not self.sensing.absolute:
             return
         force_gwt = round(reading.force_n / GWT_N, 6)
+        self._keep_force(force_gwt)
         if abs(force_gwt) >= self.sensing.touch_gwt:
             self.contact_time.begin()
         else:

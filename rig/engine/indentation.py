@@ -10,13 +10,15 @@ from rig.data.events import FindEvent, IndentationEndEvent, IndentationStartEven
 from rig.engine.contact_fit import fit_contact
 from rig.engine.contact_moves import pull_in_descent
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, refuse_no_ramps
+from rig.engine.limits import AT_MM, CONTACT_EXPONENT, RampBound, TouchedPlace, refuse_no_ramps
 from rig.engine.press import Press, pulse
-from rig.engine.verbs import retract, safe_point, unpaused
+from rig.engine.verbs import retract, safe_point, unpaused, wait_at_clearance
 from rig.errors import LimitError, NotReadyError, TripError
 from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target
 
 _SHOWN_BY = 4  # readings
+_ABOVE_STEPS = 3
+"""Height above a known contact where the fine descent begins, in touch increments."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +31,20 @@ class Approach:
     highest_mm: float
 
     def touch_off(self) -> ContactFit:
-        """Touch twice, fit the contact height, and journal it; end in contact.
+        """Find contact, fit its height, and journal it; end in contact.
 
-        Trips if contact is missing or too high, or if the sensor reads a pull.
+        Where contact is known, the first touch is that of the press. Elsewhere the finger is touched twice. Trips if
+        contact is missing or too high, or if the sensor reads a pull.
         """
-        engine, habits, deepest_mm = self.engine, self.engine.settings.habits, self.engine.settings.limits.max_doi_mm
+        engine, deepest_mm = self.engine, self.engine.settings.limits.max_doi_mm
         engine.limit_depth(self.lowest_mm - deepest_mm)
-        if not self._come_back():
-            self._descend(habits.increment_mm, "approach", self.lowest_mm)
-        touch_mm = engine.height_mm
-        self.back_off()
-        lowest_mm = max(touch_mm - habits.increment_mm, self.lowest_mm)
-        readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm)
+        lifted_off_s, place = engine.contact.lifted_off_s, self.place
+        met = self._go_near(place)
+        readings = [] if place is None or met else self._touch_again(place)
+        if not (met or readings):
+            self._descend(engine.settings.habits.increment_mm, "approach", self.lowest_mm)
+        rested_s = 0.0 if lifted_off_s is None else engine.clock.monotonic_s() - lifted_off_s
+        readings = readings or self._touch_finely()
         touch = fit_contact(readings, engine.sensing.touch_gwt, engine.sensing.least_gwt)
         event = TouchEvent(
             index=self.press.index,
@@ -50,32 +54,87 @@ class Approach:
             fit_points=touch.fit_points,
             doi_bias_mm=round(touch.doi_bias_mm, 6),
             doi_mm=round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
+            rested_s=round(rested_s, 6) if math.isfinite(rested_s) else None,
         )
         pulse(engine, self.press, "touch")
         engine.record(event, self.press)
-        at_most_mm = touch.contact_height_mm - deepest_mm - habits.increment_mm
+        at_most_mm = touch.contact_height_mm - deepest_mm - engine.settings.habits.increment_mm
         engine.limit_depth(max(at_most_mm, self.lowest_mm - deepest_mm))
         return touch
 
-    def _come_back(self) -> bool:
-        """Move down in one go to just above an earlier contact at this position; return whether it touched.
+    @property
+    def place(self) -> TouchedPlace | None:
+        """What is known of contact at the present position."""
+        return self.engine.touched.place_at(self.engine.x_mm, self.engine.along_mm)
 
-        The position counts as untouched until the press has ended normally.
+    def rest(self, rest_s: float) -> None:
+        """Wait at clearance until the approach touches no earlier than this time after the last lift-off."""
+        engine = self.engine
+        speed_mm_s, down_mm = self._free_move()
+        way_s = (
+            max(engine.height_mm - max(down_mm, self.highest_mm if self.place is None else down_mm), 0.0) / speed_mm_s
+        )
+        while True:
+            now_s, lifted_off_s = engine.clock.monotonic_s(), engine.contact.lifted_off_s
+            until_s = (now_s if lifted_off_s is None else lifted_off_s) + rest_s - way_s
+            if until_s <= now_s:
+                return
+            wait_at_clearance(engine, until_s)
+
+    def _free_move(self) -> tuple[float, float]:
+        """Return the speed (mm/s) and the end (mm) of the one move down to where contact may be."""
+        engine, settings = self.engine, self.engine.settings
+        fastest_mm_s = min(engine.touch_limit.speed_mm_s, settings.limits.max_press_speed_mm_s)
+        speed_mm_s = max(fastest_mm_s, settings.habits.approach_speed_mm_s)
+        return speed_mm_s, max(engine.free_mm(speed_mm_s, self.highest_mm), self.lowest_mm)
+
+    def _go_near(self, place: TouchedPlace | None) -> bool:
+        """Move down in one go to where contact may be, and on to just above a known one; return whether it is met.
+
+        A known contact counts again when the press has ended normally. The increments go on from where a touch that
+        vanishes at rest or a late reading ended the one move. A force below a touch is enough to meet a known contact
+        too early: its fit needs readings above it.
         """
-        engine, habits = self.engine, self.engine.settings.habits
-        free_mm = engine.touched.free_mm(engine.x_mm, engine.along_mm, habits.approach_speed_mm_s)
-        increments = math.floor((engine.height_mm - max(free_mm, self.lowest_mm)) / habits.increment_mm + 1e-9)
+        engine, habits, readings = self.engine, self.engine.settings.habits, list[tuple[float, float]]()
+        speed_mm_s, down_mm = self._free_move()
         safe_point(engine)
-        down_mm = engine.height_mm - increments * habits.increment_mm
-        touched = increments > 0 and self._touches(down_mm, "approach", [])
+        touched = down_mm < engine.height_mm - AT_MM and self._touches(down_mm, "approach", readings, speed_mm_s)
+        if place is None:
+            return touched
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
-        return touched
+        near_mm = max(place.contact.contact_height_mm + _ABOVE_STEPS * habits.touch_increment_mm, self.lowest_mm)
+        while not touched and engine.height_mm > near_mm + 1e-9:
+            safe_point(engine)
+            touched = self._touches(max(engine.height_mm - habits.increment_mm, near_mm), "approach", readings)
+        return touched or any(self._shows(force_gwt) for _, force_gwt in readings[-1:])
+
+    def _touch_again(self, place: TouchedPlace) -> list[tuple[float, float]]:
+        """Descend finely to the touch, and return the (height, force) readings; empty if contact is not there."""
+        engine, habits = self.engine, self.engine.settings.habits
+        readings = list[tuple[float, float]]()
+        lowest_mm = max(place.contact.height_at_threshold_mm - habits.increment_mm, self.lowest_mm)
+        while engine.height_mm - habits.touch_increment_mm >= lowest_mm - 1e-9:
+            safe_point(engine)
+            if self._touches(engine.height_mm - habits.touch_increment_mm, "touch", readings):
+                return readings
+        return []
+
+    def _touch_finely(self) -> list[tuple[float, float]]:
+        """Back off from a touch by increments, touch finely, and return the (height, force) readings."""
+        engine, habits = self.engine, self.engine.settings.habits
+        touch_mm = engine.height_mm
+        self.back_off()
+        return self._descend(habits.touch_increment_mm, "touch", max(touch_mm - habits.increment_mm, self.lowest_mm))
+
+    def _shows(self, force_gwt: float) -> bool:
+        """Return whether a reading exceeds half of the smallest significant force."""
+        return force_gwt > 0.5 * self.engine.sensing.least_gwt
 
     def back_off(self) -> None:
         """Move up by increments until the force vanishes or clearance is reached, then by one more."""
         engine, habits = self.engine, self.engine.settings.habits
         force = math.inf
-        while force > 0.5 * engine.sensing.least_gwt and engine.height_mm < habits.clearance_mm:
+        while self._shows(force) and engine.height_mm < habits.clearance_mm:
             engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
             force = engine.read_force_gwt(self.press, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
@@ -109,10 +168,20 @@ class Approach:
             if self._touches(below, phase, readings):
                 return readings
 
-    def _touches(self, height_mm: float, phase: Phase, readings: list[tuple[float, float]]) -> bool:
-        """Move down, add the reading, and return whether it is a touch; trip for a pull, or a touch too high up."""
+    def _touches(
+        self,
+        height_mm: float,
+        phase: Phase,
+        readings: list[tuple[float, float]],
+        speed_mm_s: float | None = None,
+    ) -> bool:
+        """Move down, add the reading, and return whether it is a touch; trip for a pull, or a touch too high up.
+
+        The default speed is habits.approach_speed_mm_s.
+        """
         engine = self.engine
-        engine.go_to_height(height_mm, engine.settings.habits.approach_speed_mm_s)
+        approach_mm_s = engine.settings.habits.approach_speed_mm_s
+        engine.go_to_height(height_mm, speed_mm_s or approach_mm_s, expected_below_mm=self.highest_mm)
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
@@ -145,6 +214,7 @@ class ScriptedPress:
     increments: int
     speed_mm_s: float
     hold_s: float
+    rest_s: float
     expected_contact_mm: float
     contact_area_mm2: float
     predicted: PredictedPress | None
@@ -158,6 +228,7 @@ def indent(
     increments: int = 1,
     speed_mm_s: float | None = None,
     hold_s: float = 1.0,
+    rest_s: float = 0.0,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,
     predicted: PredictedPress | None = None,
@@ -172,8 +243,9 @@ def indent(
     """
     press_mm_s = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
     asked = ScriptedPress(
-        "indent", target, increments, press_mm_s, hold_s, expected_contact_mm, contact_area_mm2, predicted, press_id
-    )
+        "indent", target, increments, press_mm_s, hold_s, rest_s, expected_contact_mm, contact_area_mm2, predicted,
+        press_id,
+    )  # fmt: skip
 
     def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
         parts = range(1, increments + 1)
@@ -188,6 +260,7 @@ def ramp(
     speed_mm_s: float,
     *,
     hold_s: float = 1.0,
+    rest_s: float = 0.0,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,
     predicted: PredictedPress | None = None,
@@ -202,8 +275,8 @@ def ramp(
     settings = engine.settings
     refuse_no_ramps(NotReadyError, "ramp", settings)
     asked = ScriptedPress(
-        "ramp", Target("doi_mm", doi_mm), 1, speed_mm_s, hold_s, expected_contact_mm, contact_area_mm2, predicted,
-        press_id,
+        "ramp", Target("doi_mm", doi_mm), 1, speed_mm_s, hold_s, rest_s, expected_contact_mm, contact_area_mm2,
+        predicted, press_id,
     )  # fmt: skip
 
     def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
@@ -245,7 +318,8 @@ def _indentation(
     def attempt() -> Indentation:
         engine.trips.press_on(asked.contact_area_mm2)
         safe_point(engine)
-        before = engine.touched.reached_at(engine.x_mm, engine.along_mm)
+        approach.rest(asked.rest_s)
+        before = None if approach.place is None else approach.place.reached
         start_s = engine.clock.monotonic_s()
         start = IndentationStartEvent(
             index=press.index,
@@ -257,6 +331,7 @@ def _indentation(
             increments=asked.increments,
             speed_mm_s=asked.speed_mm_s,
             hold_s=asked.hold_s,
+            rest_s=asked.rest_s,
             predicted_doi_mm=None if asked.predicted is None else asked.predicted.predicted_doi_mm,
             predicted_force_gwt=None if asked.predicted is None else asked.predicted.predicted_force_gwt,
             **press.marks,
@@ -270,7 +345,7 @@ def _indentation(
             retract(engine)
             raise
         retract(engine)
-        engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm, pressing.reached or before)
+        engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(touch, pressing.reached or before))
         duration = engine.clock.monotonic_s() - start_s
         engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
         return Indentation(press.index, engine.x_mm, done)
@@ -283,12 +358,13 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
     ready_to_indent(engine)
     approach = _approach(engine, PressId(index, "find"), expected_contact_mm)
     try:
-        height_mm = unpaused(lambda: approach.touch_off().contact_height_mm)
+        contact = unpaused(approach.touch_off)
     except LimitError:
         retract(engine)
         raise
     retract(engine)
-    engine.touched.at(engine.x_mm, engine.along_mm, height_mm)
+    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact))
+    height_mm = contact.contact_height_mm
     engine.record(FindEvent(index, engine.indentor, engine.x_mm, engine.along_mm, round(height_mm, 6)))
     return height_mm
 

@@ -8,7 +8,7 @@ from rig.clock import Clock, real_s
 from rig.devices.base import LOOK_S, Axis
 from rig.devices.registry import ramps
 from rig.errors import LimitError, RigError, TripError
-from rig.records import PlannedIndentation
+from rig.records import ContactFit, PlannedIndentation
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 
@@ -262,6 +262,12 @@ class Stopping:
         late = cls.of(settings, speed_mm_s)
         return replace(late, latency_s=late.latency_s + UNREAD_S, most_mm=math.inf)
 
+    @classmethod
+    def at_a_touch(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
+        """Return the stopping of a motion that a touch ends, and a reading that comes too late."""
+        late_s = settings.force.latency_s + late_reading_s(settings) + PREPARED_S
+        return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, math.inf)
+
     @property
     def distance_mm(self) -> float:
         """Stopping distance (mm): v · latency + v² / 2a, at most most_mm."""
@@ -280,7 +286,7 @@ class Stopping:
 
 
 def late_reading_s(settings: RigSettings) -> float:
-    """Return the longest time between two force readings of a move sideways (s); a later one halts the stage."""
+    """Return the longest time between two force readings of a motion that a touch ends (s); a later one ends it."""
     return 2 * settings.force.sample_period_s + LOOK_S
 
 
@@ -308,33 +314,33 @@ class FingerStiffness:
 
 
 @dataclass(frozen=True)
-class SidewaysLimit:
-    """Speed of a move sideways at clearance, and how far it may drag a finger that has come up, with the force then.
+class TouchLimit:
+    """Speed of a motion that a touch ends, how far it goes on in the finger that it meets, and the force then.
 
-    A touch ends the move. Until the stage is at rest it may go the way to the touch threshold, and the stopping
-    distance: v · (delay of the sensor, longest time without a reading, delay of the controller) + v² / 2a. The finger
-    counts as a wall as stiff as the stiffest predicted press, so that this distance stays below half the trip.
+    Sideways at clearance, or down to a known contact. Until the stage is at rest it may go the way to the touch
+    threshold, and the stopping distance: v · (delay of the sensor, longest time without a reading, delay of the
+    controller) + v² / 2a. The finger counts as a wall as stiff as the stiffest press, predicted or measured, so that
+    this distance stays below half the trip.
     """
 
     speed_mm_s: float
+    stop_mm: float
     in_contact_mm: float
     force_gwt: float
 
     @classmethod
-    def of(
-        cls, settings: RigSettings, trip_gwt: float, touch_gwt: float, stiffness: FingerStiffness
-    ) -> "SidewaysLimit":
+    def of(cls, settings: RigSettings, trip_gwt: float, touch_gwt: float, stiffness: FingerStiffness) -> "TouchLimit":
         """Return it for the lowest trip and the touch threshold (gwt)."""
-        late_s = settings.force.latency_s + late_reading_s(settings) + PREPARED_S
-        stop = Stopping(settings.habits.travel_speed_mm_s, late_s, settings.stage.acceleration_mm_s2, math.inf)
+        stop = Stopping.at_a_touch(settings, settings.habits.travel_speed_mm_s)
         touch_mm = stiffness.depth_mm(touch_gwt)
-        fastest_mm_s = stop.fastest_mm_s(stiffness.depth_mm(_SIDEWAYS_SHARE * trip_gwt) - touch_mm)
+        fastest_mm_s = stop.fastest_mm_s(stiffness.depth_mm(_MET_SHARE * trip_gwt) - touch_mm)
         speed_mm_s = min(max(fastest_mm_s, SLOWEST_MM_S), stop.speed_mm_s)
-        way_mm = touch_mm + replace(stop, speed_mm_s=speed_mm_s).distance_mm
-        return cls(speed_mm_s, way_mm, stiffness.gwt_at_1_mm * way_mm**CONTACT_EXPONENT)
+        stop_mm = replace(stop, speed_mm_s=speed_mm_s).distance_mm
+        way_mm = touch_mm + stop_mm
+        return cls(speed_mm_s, stop_mm, way_mm, stiffness.gwt_at_1_mm * way_mm**CONTACT_EXPONENT)
 
 
-_SIDEWAYS_SHARE = 0.5  # of the trip
+_MET_SHARE = 0.5  # of the trip
 RAMP_MARGIN = 1.25
 """Lowest trip of a ramp over the force at its depth: a fast ramp leaves the tissue less time to relax."""
 
@@ -383,23 +389,38 @@ class RampBound:
             )
 
 
-class Touched:
-    """Contact heights above the nominal apex (mm) by position, for one indentor since the last homing.
+@dataclass(frozen=True)
+class TouchedPlace:
+    """Contact at a position, and the depth (mm) and force (gwt) that the last press there reached by increments."""
 
-    Also the depth (mm) and force (gwt) that the last press there reached by increments.
-    """
+    contact: ContactFit
+    reached: tuple[float, float] | None = None
+
+    @property
+    def stiffness(self) -> FingerStiffness:
+        """Stiffness that the press measured; zero without one."""
+        doi_mm, force_gwt = self.reached or (1.0, 0.0)
+        return FingerStiffness(force_gwt / doi_mm**CONTACT_EXPONENT)
+
+
+class Touched:
+    """Contacts by position, for one indentor since the last homing."""
 
     def __init__(self, settings: RigSettings) -> None:
         self._settings = settings
-        self._found: dict[tuple[float, float], tuple[float, tuple[float, float] | None]] = {}
+        self._found: dict[tuple[float, float], TouchedPlace] = {}
 
-    def at(self, x_mm: float, along_mm: float, contact_mm: float, reached: tuple[float, float] | None = None) -> None:
-        """Record the contact height at a position after the lift, and the force and depth of the press there."""
-        self._found[x_mm, along_mm] = contact_mm, reached
+    def at(self, x_mm: float, along_mm: float, place: TouchedPlace) -> None:
+        """Record the contact at a position after the lift."""
+        self._found[x_mm, along_mm] = place
 
-    def reached_at(self, x_mm: float, along_mm: float) -> tuple[float, float] | None:
-        """Return the depth (mm) and force (gwt) of the last press at a position, or None."""
-        return self._found.get((x_mm, along_mm), (0.0, None))[1]
+    def place_at(self, x_mm: float, along_mm: float) -> TouchedPlace | None:
+        """Return what is known of a position, or None."""
+        return self._found.get((x_mm, along_mm))
+
+    def stiffest(self, predicted: FingerStiffness) -> FingerStiffness:
+        """Return the highest stiffness, as predicted or as a press has measured it."""
+        return max([predicted, *(place.stiffness for place in self._found.values())], key=lambda one: one.gwt_at_1_mm)
 
     def forget_at(self, x_mm: float, along_mm: float) -> None:
         """Forget the contact at a position."""
@@ -409,14 +430,16 @@ class Touched:
         """Forget all contacts: new indentor, new homing, or an operator at the finger."""
         self._found.clear()
 
-    def free_mm(self, x_mm: float, along_mm: float, speed_mm_s: float) -> float:
-        """Return the height (mm) down to which one move at this speed is safe at a position.
+    def free_mm(self, x_mm: float, along_mm: float, expected_below_mm: float) -> float:
+        """Return the height (mm) above which a position is free.
 
-        Last contact plus margin plus stopping distance, at most clearance; clearance if the position was not touched.
+        The last contact there plus a margin; where another position was touched, the highest height at which contact
+        is expected; clearance where none was.
         """
-        habits = self._settings.habits
-        found = self._found.get((x_mm, along_mm))
-        if found is None:
+        habits, place = self._settings.habits, self.place_at(x_mm, along_mm)
+        if not self._found:
             return habits.clearance_mm
-        stopping_mm = Stopping.in_one_move(self._settings, speed_mm_s).distance_mm
-        return min(found[0] + habits.retouch_margin_mm + stopping_mm, habits.clearance_mm)
+        contact_mm = expected_below_mm
+        if place is not None:
+            contact_mm = place.contact.contact_height_mm + habits.retouch_margin_mm
+        return min(contact_mm, habits.clearance_mm)

@@ -26,7 +26,7 @@ from rig.engine import homing
 from rig.engine.bench import EngineMemory
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
-from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s, refuse_outside
+from rig.engine.limits import AT_MM, TouchLimit, late_reading_s, refuse_outside
 from rig.engine.motion import Outcome
 from rig.engine.sensing import NOISE_STEPS, ForceZero, Sensing, zero_readings_gwt
 from rig.engine.watch import Watch
@@ -216,10 +216,9 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
     engine.record(MoveEvent(x_mm, along_mm, engine.height_mm))
 
 
-def guarded_sideways(engine: Engine) -> tuple[SidewaysLimit, Watch]:
+def guarded_sideways(engine: Engine) -> tuple[TouchLimit, Watch]:
     """Return the speed of a motion sideways, and what ends it: a touch, and a reading that comes too late."""
-    limit = SidewaysLimit.of(engine.settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
-    return limit, Watch(touch_ends_it=True, late_s=late_reading_s(engine.settings))
+    return engine.touch_limit, Watch(touch_ends_it=True, late_s=late_reading_s(engine.settings))
 
 
 def go_sideways(engine: Engine, x_mm: float, along_mm: float, most_mm_s: float = math.inf) -> None:
@@ -280,15 +279,19 @@ def rest(engine: Engine, seconds: float) -> None:
     stop input or a lost device ends the wait.
     """
     engine.require_clear("rest")
+    wait_at_clearance(engine, engine.clock.monotonic_s() + seconds)
+    engine.record(RestEvent(seconds))
+
+
+def wait_at_clearance(engine: Engine, until_s: float) -> None:
+    """Wait until a time on the clock of the bench (s), watched as a hold is; a pause takes effect at once."""
     clock, look = engine.clock, LooksAtClearance(engine, engine.clock)
-    until_s = clock.monotonic_s() + seconds
     takes_s = 2 * engine.sensing.wait_s + STOP_LOOK_S  # No look begins so shortly before the end.
     while (now_s := clock.monotonic_s()) < until_s:
         clock.wait_until(engine.bench.operator.pause.asked, min(now_s + STOP_LOOK_S, until_s))
         safe_point(engine)
         if until_s - clock.monotonic_s() > takes_s:
             look()
-    engine.record(RestEvent(seconds))
 
 
 class LooksAtClearance:

@@ -226,6 +226,7 @@ class PressRequest:
     hold_s: float
     speed_mm_s: float | None = None
     ramp: bool = False
+    rest_s: float = 0.0
 
 
 class StepWithPresses(Step[ExpectedPresses, A]):
@@ -247,6 +248,7 @@ class StepWithPresses(Step[ExpectedPresses, A]):
             )
         refuse_count(self.verb, "increments", asked.increments)
         refuse_seconds(self.verb, "hold_s", asked.hold_s)
+        refuse_seconds(self.verb, "rest_s", asked.rest_s)
         refuse_target(self.verb, asked.target, state.settings.limits)
         refuse_speeds(self.verb, asked.speed_mm_s, state.settings)
         state.hold(self.verb, presses * asked.increments * asked.hold_s)
@@ -261,6 +263,7 @@ class StepWithPresses(Step[ExpectedPresses, A]):
             "increments": asked.increments,
             "speed_mm_s": press_mm_s if asked.speed_mm_s is None else asked.speed_mm_s,
             "hold_s": asked.hold_s,
+            "rest_s": asked.rest_s,
         }
 
     def expect(self, place: PressPlace, state: ScriptState) -> ExpectedPresses:
@@ -293,7 +296,11 @@ class StepWithPresses(Step[ExpectedPresses, A]):
 
 
 def press(
-    engine: Engine, press_id: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None
+    engine: Engine,
+    press_id: PressId,
+    planned: PlannedIndentation,
+    speed_mm_s: float | None = None,
+    rest_s: float = 0.0,
 ) -> Indentation:
     """Press as planned, by increments; the default speed is habits.press_speed_mm_s."""
     return indentation.indent(
@@ -302,6 +309,7 @@ def press(
         increments=int(planned.increments),
         speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
         hold_s=float(planned.hold_s),
+        rest_s=float(rest_s),
         expected_contact_mm=planned.expected_contact_mm,
         contact_area_mm2=planned.contact_area_mm2,
         predicted=_predicted(planned),
@@ -362,6 +370,8 @@ class Indent(DataPress):
         Speed past contact (mm/s). Default: `habits.press_speed_mm_s`.
     hold_s : float, optional
         Duration of each hold (s).
+    rest_s : float, optional
+        Shortest time from the last lift-off to this touch (s). The way to the place and down counts.
 
     Returns
     -------
@@ -382,18 +392,19 @@ class Indent(DataPress):
     increments: int = 1
     speed_mm_s: float | None = None
     hold_s: float = 1.0
+    rest_s: float = 0.0
 
     @property
     def request(self) -> PressRequest:
         target = checked_target(self.verb, self.doi_mm, self.force_gwt)
-        return PressRequest(target, self.increments, self.hold_s, self.speed_mm_s)
+        return PressRequest(target, self.increments, self.hold_s, self.speed_mm_s, rest_s=self.rest_s)
 
     def check(self, state: ScriptState) -> PressPlace:
         self.check_press(state)
         return state.place("data", 1)
 
     def execute(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
-        return press(engine, expected.ids[0], expected.planned, self.speed_mm_s)
+        return press(engine, expected.ids[0], expected.planned, self.speed_mm_s, self.rest_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -412,6 +423,8 @@ class Ramp(DataPress):
         Speed (mm/s).
     hold_s : float, optional
         Duration of the hold (s).
+    rest_s : float, optional
+        Shortest time from the last lift-off to this touch (s). The way to the place and down counts.
 
     Returns
     -------
@@ -430,11 +443,12 @@ class Ramp(DataPress):
     doi_mm: float
     speed_mm_s: float
     hold_s: float = 1.0
+    rest_s: float = 0.0
 
     @property
     def request(self) -> PressRequest:
         target = checked_target(self.verb, self.doi_mm, None)
-        return PressRequest(target, 1, self.hold_s, self.speed_mm_s, ramp=True)
+        return PressRequest(target, 1, self.hold_s, self.speed_mm_s, ramp=True, rest_s=self.rest_s)
 
     def check(self, state: ScriptState) -> PressPlace:
         refuse_no_ramps(BadInputError, self.verb, state.settings)
@@ -449,6 +463,7 @@ class Ramp(DataPress):
             planned.target.value,
             float(self.speed_mm_s),
             hold_s=float(planned.hold_s),
+            rest_s=float(self.rest_s),
             expected_contact_mm=planned.expected_contact_mm,
             contact_area_mm2=planned.contact_area_mm2,
             predicted=_predicted(planned),

@@ -13,8 +13,9 @@ from pathlib import Path
 
 from rig.engine import verbs
 from rig.engine.indentation import ramp
-from rig.engine.limits import CONTACT_EXPONENT, RampBound
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, TouchedPlace
 from rig.errors import RigError
+from rig.records import ContactFit
 from rig.units import GWT_N
 from studies.faults.campaign.world import BENCHES
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
@@ -104,7 +105,8 @@ def ramp_into(other: OtherFinger, case: RampCase, folder: Path) -> RampOutcome:
     verbs.home(engine)
     verbs.zero(engine)
     verbs.move_to(engine, 0.0)
-    engine.touched.at(engine.x_mm, engine.along_mm, PREDICTED.contact_mm, (doi_mm, measured_gwt))
+    contact = ContactFit(0.05, PREDICTED.contact_mm - 0.03, 0.05, PREDICTED.contact_mm, 3)
+    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact, (doi_mm, measured_gwt)))
     try:
         ramp(engine, doi_mm, speed_mm_s, hold_s=0.0, expected_contact_mm=PREDICTED.contact_mm)
     except RigError:

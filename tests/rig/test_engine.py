@@ -17,11 +17,12 @@ from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
-from rig.engine.limits import FingerStiffness
+from rig.engine.limits import FingerStiffness, TouchedPlace
 from rig.engine.motion import UP
 from rig.engine.sensing import ForceZero
 from rig.engine.steps import Steps
 from rig.errors import RigError
+from rig.records import ContactFit
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
@@ -800,11 +801,11 @@ def test_homing_resets_state_position_contacts_and_depth_limit() -> None:
     """However long ago the engine said anything; contacts, place and limit of depth are those of before."""
     bench = StubBench()
     engine = bench.in_contact()
-    engine.touched.at(0.0, 0.0, -0.3, (0.8, 4.0))
+    engine.touched.at(0.0, 0.0, TouchedPlace(ContactFit(0.05, -0.32, 0.05, -0.3, 3), (0.8, 4.0)))
     bench.clock.wait_s(10.0)
     bench.stage.floors_mm.clear()
     verbs.home(engine)
-    assert (engine.state, engine.placed, engine.touched.reached_at(0.0, 0.0)) == (State.READY, False, None)
+    assert (engine.state, engine.placed, engine.touched.place_at(0.0, 0.0)) == (State.READY, False, None)
     limits, apex_mm = bench.settings.limits, bench.settings.frame.apex_z_mm
     assert bench.stage.floors_mm == [round(apex_mm - limits.search_mm - limits.max_doi_mm, 6)]
     assert bench.of("home")[-1]["contact"] == "lifted"

@@ -13,7 +13,7 @@ import pytest
 
 from rig.bench import checks
 from rig.engine.contact import KnownContact
-from rig.engine.limits import FingerStiffness, SidewaysLimit, Trips
+from rig.engine.limits import FingerStiffness, TouchLimit, Trips
 from rig.engine.sensing import ForceZero
 from rig.errors import LimitError
 from rig.plan.config import Config
@@ -69,7 +69,7 @@ def in_square(*at: int) -> bool:
 def limit_mm(bench: SessionBench) -> float:
     """Longest way in contact, as documented, from where this softer finger reaches the touch threshold."""
     trip_gwt, unknown = Trips(bench.config.limits, None).lowest_gwt, FingerStiffness.unknown()
-    documented_mm = SidewaysLimit.of(bench.config, trip_gwt, TOUCH_GWT, unknown).in_contact_mm
+    documented_mm = TouchLimit.of(bench.config, trip_gwt, TOUCH_GWT, unknown).in_contact_mm
     return documented_mm - unknown.depth_mm(TOUCH_GWT) + FingerStiffness(6.0).depth_mm(TOUCH_GWT)
 
 

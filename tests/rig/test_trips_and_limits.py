@@ -14,7 +14,7 @@ from rig.engine import LimitError, TripError
 from rig.engine.limits import (
     ContactTime,
     FingerStiffness,
-    SidewaysLimit,
+    TouchLimit,
     Trips,
     late_reading_s,
     refuse_height,
@@ -86,7 +86,7 @@ def test_the_speed_of_a_move_sideways_keeps_a_collision_below_half_the_trip(
     trip_gwt: float, gwt_at_1_mm: float
 ) -> None:
     """Never faster than it travels, nor slower than any stage goes."""
-    limit = SidewaysLimit.of(SETTINGS, trip_gwt, 0.05, FingerStiffness(gwt_at_1_mm))
+    limit = TouchLimit.of(SETTINGS, trip_gwt, 0.05, FingerStiffness(gwt_at_1_mm))
     assert SLOWEST_MM_S <= limit.speed_mm_s <= SETTINGS.habits.travel_speed_mm_s
     if limit.speed_mm_s == SETTINGS.habits.travel_speed_mm_s:
         assert limit.force_gwt < trip_gwt / 2
@@ -100,7 +100,7 @@ def test_the_speed_of_a_move_sideways_keeps_a_collision_below_half_the_trip(
 def test_the_way_of_a_move_sideways_in_contact_is_the_touch_and_the_stop(latency_s: float, trip_gwt: float) -> None:
     """After the touch threshold: sensor, two samples and a look unread (0.2 s), controller (0.11 s), 250 mm/s²."""
     settings = _settings(force={"latency_s": latency_s}, stage={"acceleration_mm_s2": 250.0})
-    limit = SidewaysLimit.of(settings, trip_gwt, 0.05, FingerStiffness(400.0))
+    limit = TouchLimit.of(settings, trip_gwt, 0.05, FingerStiffness(400.0))
     touch_mm, v = (0.05 / 400.0) ** (2 / 3), limit.speed_mm_s
     assert limit.in_contact_mm == pytest.approx(touch_mm + v * (latency_s + 0.2 + 0.11) + v**2 / 500.0)
 
