@@ -121,7 +121,7 @@ class TouchEvent(PressEvent):
     threshold_gwt: Annotated[float, "force that counts as contact"]
     height_at_threshold_mm: Annotated[float, "height at which the force first exceeded the threshold"]
     contact_height_mm: ContactHeight
-    fit_points: Annotated[int, "number of readings in the fit"]
+    fit_points: Annotated[int, "number of readings in the fit; 0: contact of the press before"]
     doi_bias_mm: Annotated[float, "depth already reached when the force exceeded the threshold, from the fit"]
     doi_mm: Depth
     rested_s: Annotated[float, "time from the last lift-off to this touch"] | None = None

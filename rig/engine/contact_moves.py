@@ -66,6 +66,11 @@ class ContactMoves:
         self._frozen = FrozenReading(engine.sensing.resolution_gwt)
 
     @property
+    def contact_mm(self) -> float:
+        """Height of contact above the nominal apex (mm)."""
+        return self._touch.contact_height_mm
+
+    @property
     def doi_mm(self) -> float:
         """Depth past contact (mm)."""
         return self.engine.doi_mm(self._touch.contact_height_mm, self.force_gwt)

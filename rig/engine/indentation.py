@@ -3,8 +3,8 @@
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeGuard
 
 from rig.data.events import FindEvent, IndentationEndEvent, IndentationStartEvent, TouchEvent
 from rig.engine.contact_fit import fit_contact
@@ -15,6 +15,7 @@ from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused, wait_at_clearance
 from rig.errors import LimitError, NotReadyError, TripError
 from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target
+from rig.settings import RigSettings
 
 _SHOWN_BY = 4  # readings
 _ABOVE_STEPS = 3
@@ -30,22 +31,46 @@ class Approach:
     lowest_mm: float
     highest_mm: float
 
-    def touch_off(self) -> ContactFit:
-        """Find contact, fit its height, and journal it; end in contact.
+    def touch_off(self, lifted_off_s: float | None) -> ContactFit:
+        """Find contact, fit its height, and journal it with the rest since the last lift-off; end in contact.
 
         Where contact is known, the first touch is that of the press. Elsewhere the finger is touched twice. Trips if
         contact is missing or too high, or if the sensor reads a pull.
         """
-        engine, deepest_mm = self.engine, self.engine.settings.limits.max_doi_mm
-        engine.limit_depth(self.lowest_mm - deepest_mm)
-        lifted_off_s, place = engine.contact.lifted_off_s, self.place
+        engine = self.engine
+        engine.limit_depth(self.lowest_mm - engine.settings.limits.max_doi_mm)
+        place = self.place
         met = self._go_near(place)
         readings = [] if place is None or met else self._touch_again(place)
         if not (met or readings):
             self._descend(engine.settings.habits.increment_mm, "approach", self.lowest_mm)
-        rested_s = 0.0 if lifted_off_s is None else engine.clock.monotonic_s() - lifted_off_s
+        touched_s = engine.clock.monotonic_s()
         readings = readings or self._touch_finely()
         touch = fit_contact(readings, engine.sensing.touch_gwt, engine.sensing.least_gwt)
+        pulse(engine, self.press, "touch")
+        self._found(touch, touch.force_gwt, _rested_s(touched_s, lifted_off_s))
+        return touch
+
+    def go_above(self, place: TouchedPlace, ramp_mm_s: float, lifted_off_s: float | None) -> ContactFit | None:
+        """Go down to where a ramp to a certain contact begins, and journal the contact; None if it is met before."""
+        engine, settings = self.engine, self.engine.settings
+        engine.limit_depth(self.lowest_mm - settings.limits.max_doi_mm)
+        contact_mm = place.contact.contact_height_mm
+        return_mm_s, down_mm = self._free_move()
+        way_mm = ramp_mm_s**2 / (2 * settings.stage.acceleration_mm_s2) + settings.habits.increment_mm
+        down_mm, readings = max(down_mm, contact_mm + way_mm), list[tuple[float, float]]()
+        safe_point(engine)
+        met = down_mm < engine.height_mm - AT_MM and self._touches(down_mm, "approach", readings, return_mm_s)
+        if met or engine.height_mm > down_mm + AT_MM or any(self._shows(force_gwt) for _, force_gwt in readings):
+            return None
+        engine.touched.forget_at(engine.x_mm, engine.along_mm)
+        touches_s = engine.clock.monotonic_s() + (engine.height_mm - contact_mm) / ramp_mm_s
+        self._found(replace(place.contact, fit_points=0), 0.0, _rested_s(touches_s, lifted_off_s))
+        return place.contact
+
+    def _found(self, touch: ContactFit, force_gwt: float, rested_s: float) -> None:
+        """Journal contact at the present height and force, and limit the depth of the press to come."""
+        engine, settings = self.engine, self.engine.settings
         event = TouchEvent(
             index=self.press.index,
             threshold_gwt=touch.threshold_gwt,
@@ -53,14 +78,13 @@ class Approach:
             contact_height_mm=round(touch.contact_height_mm, 6),
             fit_points=touch.fit_points,
             doi_bias_mm=round(touch.doi_bias_mm, 6),
-            doi_mm=round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
+            doi_mm=round(engine.doi_mm(touch.contact_height_mm, force_gwt), 6),
             rested_s=round(rested_s, 6) if math.isfinite(rested_s) else None,
         )
-        pulse(engine, self.press, "touch")
         engine.record(event, self.press)
-        at_most_mm = touch.contact_height_mm - deepest_mm - engine.settings.habits.increment_mm
+        deepest_mm = settings.limits.max_doi_mm
+        at_most_mm = touch.contact_height_mm - deepest_mm - settings.habits.increment_mm
         engine.limit_depth(max(at_most_mm, self.lowest_mm - deepest_mm))
-        return touch
 
     @property
     def place(self) -> TouchedPlace | None:
@@ -68,18 +92,32 @@ class Approach:
         return self.engine.touched.place_at(self.engine.x_mm, self.engine.along_mm)
 
     def rest(self, rest_s: float) -> None:
-        """Wait at clearance until the approach touches no earlier than this time after the last lift-off."""
-        engine = self.engine
-        speed_mm_s, down_mm = self._free_move()
-        way_s = (
-            max(engine.height_mm - max(down_mm, self.highest_mm if self.place is None else down_mm), 0.0) / speed_mm_s
-        )
+        """Wait at clearance until the approach touches no earlier than this time after the last lift-off.
+
+        A contact that has come nearer is touched earlier by as much as the way to it is shorter.
+        """
+        engine, way_s = self.engine, self._shortest_way_s()
         while True:
             now_s, lifted_off_s = engine.clock.monotonic_s(), engine.contact.lifted_off_s
             until_s = (now_s if lifted_off_s is None else lifted_off_s) + rest_s - way_s
             if until_s <= now_s:
                 return
             wait_at_clearance(engine, until_s)
+
+    def _shortest_way_s(self) -> float:
+        """Return the shortest time to the touch: to a known contact, or to the highest expected one (s)."""
+        engine, habits, place = self.engine, self.engine.settings.habits, self.place
+        speed_mm_s, down_mm = self._free_move()
+        if place is None:
+            return max(engine.height_mm - max(down_mm, self.highest_mm), 0.0) / speed_mm_s
+        steps = math.ceil((down_mm - self._near_mm(place)) / habits.increment_mm) + _ABOVE_STEPS
+        moves_s = (down_mm - place.contact.contact_height_mm) / habits.approach_speed_mm_s
+        return (engine.height_mm - down_mm) / speed_mm_s + moves_s + steps * engine.sensing.settle_s
+
+    def _near_mm(self, place: TouchedPlace) -> float:
+        """Return the height above a known contact where the fine descent begins (mm)."""
+        fine_mm = _ABOVE_STEPS * self.engine.settings.habits.touch_increment_mm
+        return max(place.contact.contact_height_mm + fine_mm, self.lowest_mm)
 
     def _free_move(self) -> tuple[float, float]:
         """Return the speed (mm/s) and the end (mm) of the one move down to where contact may be."""
@@ -102,7 +140,7 @@ class Approach:
         if place is None:
             return touched
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
-        near_mm = max(place.contact.contact_height_mm + _ABOVE_STEPS * habits.touch_increment_mm, self.lowest_mm)
+        near_mm = self._near_mm(place)
         while not touched and engine.height_mm > near_mm + 1e-9:
             safe_point(engine)
             touched = self._touches(max(engine.height_mm - habits.increment_mm, near_mm), "approach", readings)
@@ -198,6 +236,15 @@ class Approach:
         return True
 
 
+Reached = tuple[float, float] | None
+"""Depth (mm) and force (gwt) of the last press at a position since the last homing."""
+
+
+def _rested_s(touched_s: float, lifted_off_s: float | None) -> float:
+    """Return the time from lift-off to a touch (s); infinite without an earlier touch, zero while one lasts."""
+    return 0.0 if lifted_off_s is None else touched_s - lifted_off_s
+
+
 class PredictedPress(NamedTuple):
     """Depth (mm) and force (gwt) in the last hold that the finger model predicts."""
 
@@ -269,7 +316,8 @@ def ramp(
     """Touch off at the present x, move to a depth at constant speed, hold, and lift to clearance.
 
     The stiffness is that of the last press here since the last homing, if it reached this depth; else the ramp begins
-    with a press by increments to its depth. Raises LimitError, after a lift, if the overshoot of the ramp with this
+    with a press by increments to its depth. Where it is known and contact is certain, nothing touches the finger
+    before the ramp. Raises LimitError, after a lift, if the overshoot of the ramp with this
     stiffness could pass the trip and the overshoot of a press. Otherwise as `indent`.
     """
     settings = engine.settings
@@ -280,13 +328,24 @@ def ramp(
     )  # fmt: skip
 
     def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
-        if before is None or before[0] < doi_mm - settings.stage.resolution_mm:
+        if not _reaches(before, doi_mm, settings):
             before = press.reach_doi(doi_mm)
         bound = _bound(engine, doi_mm, speed_mm_s, before)
-        approach.back_off()
+        if engine.height_mm < press.contact_mm:
+            approach.back_off()
         return (press.ramp_and_hold(doi_mm, bound, hold_s),)
 
     return _indentation(engine, asked, settings.habits.press_speed_mm_s, holds)
+
+
+def _reaches(before: Reached, doi_mm: float, settings: RigSettings) -> TypeGuard[tuple[float, float]]:
+    """Return whether a press by increments has measured the force at this depth."""
+    return before is not None and before[0] >= doi_mm - settings.stage.resolution_mm
+
+
+def _is_certain(engine: Engine, place: TouchedPlace, doi_mm: float) -> bool:
+    """Return whether contact and force at this depth are known well enough to ramp without a touch before."""
+    return place.is_certain(engine.clock.monotonic_s()) and _reaches(place.reached, doi_mm, engine.settings)
 
 
 def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[float, float]) -> RampBound:
@@ -298,10 +357,6 @@ def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[floa
     bound = RampBound.of(engine.settings, speed_mm_s, engine.trips.lowest_gwt, here_gwt, doi_mm)
     bound.refuse_too_fast(LimitError, engine.x_mm)
     return bound
-
-
-Reached = tuple[float, float] | None
-"""Depth (mm) and force (gwt) of the last press at a position since the last homing."""
 
 
 def _indentation(
@@ -319,7 +374,8 @@ def _indentation(
         engine.trips.press_on(asked.contact_area_mm2)
         safe_point(engine)
         approach.rest(asked.rest_s)
-        before = None if approach.place is None else approach.place.reached
+        place = approach.place
+        before = None if place is None else place.reached
         start_s = engine.clock.monotonic_s()
         start = IndentationStartEvent(
             index=press.index,
@@ -338,14 +394,18 @@ def _indentation(
         )
         engine.record(start, press)
         try:
-            touch = approach.touch_off()
+            lifted_off_s, certain = engine.contact.lifted_off_s, None
+            if asked.verb == "ramp" and place is not None and _is_certain(engine, place, asked.target.value):
+                certain = approach.go_above(place, asked.speed_mm_s, lifted_off_s)
+            touch = certain or approach.touch_off(lifted_off_s)
             pressing = Press(engine, press, touch, press_mm_s)
             done = holds(approach, pressing, before)
         except LimitError:
             retract(engine)
             raise
         retract(engine)
-        engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(touch, pressing.reached or before))
+        found = place if place is not None and certain else TouchedPlace.found(touch, start_s, place)
+        engine.touched.at(engine.x_mm, engine.along_mm, replace(found, reached=pressing.reached or before))
         duration = engine.clock.monotonic_s() - start_s
         engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
         return Indentation(press.index, engine.x_mm, done)
@@ -358,12 +418,12 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
     ready_to_indent(engine)
     approach = _approach(engine, PressId(index, "find"), expected_contact_mm)
     try:
-        contact = unpaused(approach.touch_off)
+        contact = unpaused(lambda: approach.touch_off(engine.contact.lifted_off_s))
     except LimitError:
         retract(engine)
         raise
     retract(engine)
-    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact))
+    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact, engine.clock.monotonic_s()))
     height_mm = contact.contact_height_mm
     engine.record(FindEvent(index, engine.indentor, engine.x_mm, engine.along_mm, round(height_mm, 6)))
     return height_mm

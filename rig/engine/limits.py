@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 from rig.clock import Clock, real_s
 from rig.devices.base import LOOK_S, Axis
@@ -389,12 +390,33 @@ class RampBound:
             )
 
 
+CERTAIN_S, CERTAIN_MM = 60.0, 0.02
+"""Highest age (s) and drift (mm) of a contact that a ramp need not touch again before."""
+
+
 @dataclass(frozen=True)
 class TouchedPlace:
-    """Contact at a position, and the depth (mm) and force (gwt) that the last press there reached by increments."""
+    """Contact at a position, when it was found, and what was measured there.
+
+    found_s: on the clock of the bench. drift_mm: distance from the contact found before. reached: depth (mm) and
+    force (gwt) of the last press by increments.
+    """
 
     contact: ContactFit
+    found_s: float = -math.inf
+    drift_mm: float | None = None
     reached: tuple[float, float] | None = None
+
+    @classmethod
+    def found(cls, contact: ContactFit, found_s: float, before: Self | None) -> Self:
+        """Return a contact just found, where another was found before."""
+        drift_mm = None if before is None else contact.contact_height_mm - before.contact.contact_height_mm
+        return cls(contact, found_s, drift_mm)
+
+    def is_certain(self, now_s: float) -> bool:
+        """Return whether a press need not touch first: the contact was found twice in one place, and lately."""
+        steady = self.drift_mm is not None and abs(self.drift_mm) <= CERTAIN_MM
+        return steady and now_s - self.found_s <= CERTAIN_S
 
     @property
     def stiffness(self) -> FingerStiffness:

@@ -4,9 +4,9 @@
 .venv/bin/python -m studies.speed.sixty_presses --stage grbl --force mtsics                     # one pair
 
 At one place, or at twelve places 0.5 mm apart in random order, five times; each press 0.5 mm under a bar, held 1 s,
-with 3 s of rest from lift-off to the next touch. Times are those of the virtual bench: bytes at the baud rate, samples
-at the rate of the sensor. `limit_s` is what remains if nothing waits for a reading or a reply: hold, rest, and the way
-of every motion at its highest speed and acceleration, where it does not fit into the rest.
+with 3 s of rest from lift-off to the next touch. Times are those of the virtual bench: bytes at the baud rate,
+samples at the rate of the sensor. `limit_s` is what remains if nothing waits for a reading or a reply: hold, rest,
+and the way of every motion at its highest speed and acceleration, where it does not fit into the rest.
 """
 
 import argparse
@@ -23,18 +23,20 @@ from typing import Any
 
 from rig.data.run import Run
 from rig.data.tables import spans
-from rig.devices.registry import BUILT_IN
+from rig.devices.registry import BUILT_IN, ramps
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
+from rig.settings import StageSettings
 from sim.models.fingertip import Fingertip
 from tests.contracts.force import ForceBytes
 from tests.contracts.tables import tables
 
 PRESSES = 60
 PLACES = {"one place": 1, "twelve places": 12}
+RAMP_MM_S = 0.5
 DOI_MM, HOLD_S, REST_S = 0.5, 1.0, 3.0
 PERIODS_S = {"20 Hz": 0.05, "100 Hz": 0.01}
 SCRIPT = """
@@ -53,7 +55,7 @@ def run(rig):
         if n and REST_BEFORE_S:
             rig.rest(REST_BEFORE_S)
         rig.move_to(x_mm=x_mm)
-        rig.indent(doi_mm=DOI_MM, hold_s=HOLD_S, rest_s=REST_S)
+        PRESS(doi_mm=DOI_MM, hold_s=HOLD_S, rest_s=REST_S)
 """
 
 
@@ -65,6 +67,7 @@ class Minutes:
     force: str
     rate: str
     places: str
+    press: str
     run_s: float
     presses_s: float
     limit_s: float
@@ -83,20 +86,23 @@ class Minutes:
     deepest_error_um: float
 
 
-def script_text(places: int) -> str:
+def script_text(places: int, ramp_mm_s: float | None) -> str:
     """Return the script; a program without `rest_s` of a press rests before the way to its place."""
     since = "rest_s" in inspect.signature(Rig.indent).parameters
     text = SCRIPT if since else SCRIPT.replace(", rest_s=REST_S", "")
+    text = text.replace("PRESS(", "rig.indent(" if ramp_mm_s is None else f"rig.ramp(speed_mm_s={ramp_mm_s}, ")
     numbers = {"PRESSES": PRESSES, "PLACES": places, "DOI_MM": DOI_MM, "HOLD_S": HOLD_S, "REST_S": REST_S}
     numbers["REST_BEFORE_S"] = 0.0 if since else REST_S
     return "".join(f"{name} = {value}\n" for name, value in numbers.items()) + text
 
 
-def run_pair(finger: Fingertip, stage: str, force: dict[str, Any], places: int, out: Path) -> tuple[Run, Config]:
+def run_pair(
+    finger: Fingertip, stage: str, force: dict[str, Any], places: int, ramp_mm_s: float | None, out: Path
+) -> tuple[Run, Config]:
     """Carry out the presses on one pair of devices."""
     config = Config.model_validate({"stage": {"kind": stage}, "force": force})
     path = out / "sixty.py"
-    path.write_text(script_text(places), encoding="utf-8")
+    path.write_text(script_text(places, ramp_mm_s), encoding="utf-8")
     script = load_script(str(path))
     done = dry_run(Session(script, config, finger, make_plan(script, config, finger), NewRun(out)))
     if done.problem is not None:
@@ -139,7 +145,7 @@ def limit_s(run: Run, config: Config) -> float:
     return total_s + len(places) * (press_s + HOLD_S)
 
 
-def minutes(run: Run, config: Config, rate: str, places: str) -> Minutes:
+def minutes(run: Run, config: Config, rate: str, places: str, ramp_mm_s: float | None) -> Minutes:
     """Return the times and errors of a run."""
     rests = rests_s(run)
     errors_um = [1000 * abs(one["true_doi_bias_mm"]) for one in run.stream("touch")]
@@ -156,6 +162,7 @@ def minutes(run: Run, config: Config, rate: str, places: str) -> Minutes:
         force=config.force.kind,
         rate=rate,
         places=places,
+        press="by increments" if ramp_mm_s is None else f"ramp {ramp_mm_s:g} mm/s",
         run_s=round(run.duration_s, 1),
         presses_s=round(ends[-1]["t_s"] - starts[0]["t_s"], 1),
         limit_s=round(limit_s(run, config), 1),
@@ -169,14 +176,16 @@ def minutes(run: Run, config: Config, rate: str, places: str) -> Minutes:
     )
 
 
-def pairs(stage: str | None, force: str | None) -> Iterator[tuple[str, dict[str, Any], str, str]]:
-    """Yield the pairs of devices, each sensor at each rate, over one place and over twelve."""
+def pairs(stage: str | None, force: str | None) -> Iterator[tuple[str, dict[str, Any], str, str, float | None]]:
+    """Yield the pairs of devices, each sensor at each rate, the places, and the speed of a ramp."""
     sensors = {one.kind: one.table for one in tables(ForceBytes)}
     for one in BUILT_IN["stage"] if stage is None else (stage,):
         for kind in BUILT_IN["force"] if force is None else (force,):
             for rate, period_s in PERIODS_S.items():
+                settings = {"kind": kind, **sensors[kind], "sample_period_s": period_s}
                 for places in PLACES:
-                    yield one, {"kind": kind, **sensors[kind], "sample_period_s": period_s}, rate, places
+                    for ramp_mm_s in (None, RAMP_MM_S) if ramps(StageSettings(kind=one)) else (None,):
+                        yield one, settings, rate, places, ramp_mm_s
 
 
 def main() -> None:
@@ -188,11 +197,12 @@ def main() -> None:
     parser.add_argument("--csv", type=Path, help="file to write")
     options = parser.parse_args()
     finger, rows = Fingertip.load(), []
-    for stage, force, rate, places in pairs(options.stage, options.force):
+    for stage, force, rate, places, ramp_mm_s in pairs(options.stage, options.force):
         if options.rate not in (None, rate):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            rows.append(minutes(*run_pair(finger, stage, force, PLACES[places], Path(folder)), rate, places))
+            done = run_pair(finger, stage, force, PLACES[places], ramp_mm_s, Path(folder))
+            rows.append(minutes(*done, rate, places, ramp_mm_s))
         print(*asdict(rows[-1]).items(), sep="\n  ", file=sys.stderr, flush=True)
     if options.csv is not None:
         with options.csv.open("w", newline="", encoding="utf-8") as file:

@@ -106,7 +106,7 @@ def ramp_into(other: OtherFinger, case: RampCase, folder: Path) -> RampOutcome:
     verbs.zero(engine)
     verbs.move_to(engine, 0.0)
     contact = ContactFit(0.05, PREDICTED.contact_mm - 0.03, 0.05, PREDICTED.contact_mm, 3)
-    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact, (doi_mm, measured_gwt)))
+    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact, reached=(doi_mm, measured_gwt)))
     try:
         ramp(engine, doi_mm, speed_mm_s, hold_s=0.0, expected_contact_mm=PREDICTED.contact_mm)
     except RigError:

@@ -29,7 +29,7 @@ def test_the_approach_searches_down_to_the_lowest_height_and_no_farther(lowest_m
     """By increments of 0.05 mm from clearance, 2 mm."""
     bench = _bench(lambda bench: 0.0)
     with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=lowest_mm):
-        Approach(bench.ready(), PressId(0), lowest_mm, 3.0).touch_off()
+        Approach(bench.ready(), PressId(0), lowest_mm, 3.0).touch_off(None)
     heights = [height for height, _ in bench.readings("approach")]
     assert heights[-1] == pytest.approx(last_mm)
     assert [a - b for a, b in itertools.pairwise([2.0, *heights])] == pytest.approx([0.05] * len(heights))
@@ -42,9 +42,9 @@ def test_contact_above_the_highest_expected_height_trips(highest_mm: float, trip
     approach = Approach(bench.ready(), PressId(0), -0.5, highest_mm)
     if trips:
         with raises(TripError, "contact_too_high", x_mm=0.0, height_mm=0.8, highest_mm=0.79):
-            approach.touch_off()
+            approach.touch_off(None)
     else:
-        assert approach.touch_off().height_at_threshold_mm == pytest.approx(0.8)
+        assert approach.touch_off(None).height_at_threshold_mm == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(
@@ -58,10 +58,10 @@ def test_contact_needs_the_threshold_or_6_sd_and_an_equal_negative_force_trips(
         bench = _bench(lambda bench, sign=sign: sign * gwt if bench.height_mm < 0.005 else 0.0)  # type: ignore[misc]
         approach = Approach(bench.ready(noise_gwt), PressId(0), -0.2, 0.2)
         if touched and sign > 0:
-            assert approach.touch_off().threshold_gwt == gwt
+            assert approach.touch_off(None).threshold_gwt == gwt
             continue
         with pytest.raises(TripError) as trip:
-            approach.touch_off()
+            approach.touch_off(None)
         has_code(trip.value, "reads_backwards" if touched else "no_contact")
         assert bench.of("trip")[0]["force_gwt"] == (-gwt if touched else None)
 
@@ -81,7 +81,7 @@ def test_the_fine_descent_begins_one_increment_above_the_lowest_reading_without_
     left_gwt: float, noise_gwt: float, heights_mm: list[float]
 ) -> None:
     bench = _bench(lambda bench: 0.5 if bench.height_mm < 0.005 else left_gwt if bench.height_mm < 0.105 else 0.0)
-    Approach(bench.ready(noise_gwt), PressId(0), -0.5, 0.5).touch_off()
+    Approach(bench.ready(noise_gwt), PressId(0), -0.5, 0.5).touch_off(None)
     assert [height for height, _ in bench.readings("back off")] == pytest.approx(heights_mm)
     assert bench.readings("touch")[0][0] == pytest.approx(heights_mm[-1] + 0.05 - 0.01)
 
@@ -106,7 +106,7 @@ def test_the_fine_descent_finds_contact_within_an_increment_of_the_coarse_one_or
     """Felt at -0.35 mm, the first increment that shows 0.05 gwt; the fine descent goes on to -0.4 mm at most."""
     bench = _bench(_dies)
     with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=said_mm) as missed:
-        Approach(bench.ready(), PressId(0), lowest_mm, 0.2).touch_off()
+        Approach(bench.ready(), PressId(0), lowest_mm, 0.2).touch_off(None)
     assert ("showed a touch there just before" in str(missed.value)) is again
     assert bench.readings("approach")[-1][0] == pytest.approx(-0.35)
     assert bench.readings("touch")[-1][0] == pytest.approx(last_mm)
@@ -130,6 +130,6 @@ def test_after_a_false_touch_the_fine_descent_searches_one_increment_deeper(
     bench = _bench(felt)
     approach = Approach(bench.ready(), PressId(0), lowest_mm, 0.5)
     with nullcontext() if found else raises(TripError, "no_contact", lowest_mm=lowest_mm):
-        approach.touch_off()
+        approach.touch_off(None)
     assert bench.readings("approach")[-1][0] == pytest.approx(-0.3)
     assert bench.readings("touch")[-1][0] == pytest.approx(last_mm)

@@ -65,7 +65,7 @@ def test_a_finger_that_was_measured_stiffer_than_predicted_is_returned_to_more_s
     bench = _bench(soft_trip_n=0.1)
     engine = bench.ready()
     predicted_mm_s = engine.touch_limit.speed_mm_s
-    engine.touched.at(0.0, 0.0, TouchedPlace(FIT, (0.5, 200.0 * 0.5**1.5)))
+    engine.touched.at(0.0, 0.0, TouchedPlace(FIT, reached=(0.5, 200.0 * 0.5**1.5)))
     limit = engine.touch_limit
     assert limit.speed_mm_s < 0.5 * predicted_mm_s
     assert limit.force_gwt == pytest.approx(0.5 * 0.1 / GWT_N)
@@ -370,12 +370,12 @@ def test_a_touch_during_the_rest_before_a_press_begins_it_again(spring: Make) ->
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.1, expected_contact_mm=CONTACT_MM)
     now_s, still_mm = bench.clock.monotonic_s(), bench.contact_mm
-    bench.clock.call_at(now_s + 4.0, lambda: setattr(bench, "contact_mm", 2.1))
-    bench.clock.call_at(now_s + 5.0, lambda: setattr(bench, "contact_mm", still_mm))
+    bench.clock.call_at(now_s + 1.0, lambda: setattr(bench, "contact_mm", 2.1))
+    bench.clock.call_at(now_s + 2.0, lambda: setattr(bench, "contact_mm", still_mm))
     touched_s = []
     bench.on_event = lambda stream, data: touched_s.append(bench.clock.monotonic_s()) if stream == "touch" else None
     indent(engine, TARGET, hold_s=0.1, rest_s=6.0, expected_contact_mm=CONTACT_MM)
-    assert touched_s[0] >= now_s + 5.0 + 6.0
+    assert touched_s[0] >= now_s + 2.0 + 6.0
     assert 6.0 <= bench.of("touch")[-1]["rested_s"] < 7.6
 
 

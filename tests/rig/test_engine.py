@@ -801,7 +801,7 @@ def test_homing_resets_state_position_contacts_and_depth_limit() -> None:
     """However long ago the engine said anything; contacts, place and limit of depth are those of before."""
     bench = StubBench()
     engine = bench.in_contact()
-    engine.touched.at(0.0, 0.0, TouchedPlace(ContactFit(0.05, -0.32, 0.05, -0.3, 3), (0.8, 4.0)))
+    engine.touched.at(0.0, 0.0, TouchedPlace(ContactFit(0.05, -0.32, 0.05, -0.3, 3), reached=(0.8, 4.0)))
     bench.clock.wait_s(10.0)
     bench.stage.floors_mm.clear()
     verbs.home(engine)
