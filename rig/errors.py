@@ -206,6 +206,12 @@ class PressPaused(EngineError):  # noqa: N818
     default_code = "press_paused"
 
 
+class LateReading(EngineError):  # noqa: N818
+    """Exception for a force reading that came too late in a ramp, which is then repeated from clearance."""
+
+    default_code = "late_reading"
+
+
 class RunAborted(EngineError):  # noqa: N818
     """Exception for a stop by the operator; the indentor was lifted at the next safe point."""
 

@@ -5,10 +5,10 @@ import math
 from rig.data.events import RampEvent
 from rig.devices.base import ForceReading
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, UNREAD_S, RampBound, reading_delay_s
-from rig.engine.motion import PRINTED_MM, InterruptedMotionError
+from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, RampBound, late_reading_s, reading_delay_s
+from rig.engine.motion import PRINTED_MM, InterruptedMotionError, Outcome
 from rig.engine.verbs import safe_point
-from rig.errors import LimitError, TripError
+from rig.errors import LateReading, LimitError, TripError
 from rig.records import ContactFit, Phase, PressId
 from rig.units import GWT_N
 
@@ -115,7 +115,8 @@ class ContactMoves:
         """Move to a depth at constant speed from above the skin.
 
         Each reading is compared with the trip of the ramp as it arrives, then journalled. A ramp also trips if the
-        stage covers more than it may without a reading, and at a reading that is too small for a finger.
+        stage covers more than it may without a reading, and at a reading that is too small for a finger. Raises
+        LateReading, at rest, after a reading that came too late.
         """
         engine, speed_mm_s = self.engine, bound.speed_mm_s
         self._refuse_too_deep(doi_mm)
@@ -133,7 +134,8 @@ class ContactMoves:
         )
         engine.record(start, self.id)
         self.peak_gwt, self.ramp_from = 0.0, (0.0, engine.clock.monotonic_s())
-        unread_mm = speed_mm_s * UNREAD_S + self.smallest_mm + PRINTED_MM
+        unread_s = late_reading_s(engine.settings)
+        unread_mm = speed_mm_s * unread_s + self.smallest_mm + PRINTED_MM
         late_mm = speed_mm_s * reading_delay_s(engine.settings)
         before_mm, before_gwt = engine.height_mm, 0.0
         frozen = FrozenReading(engine.sensing.resolution_gwt, late_mm)
@@ -161,7 +163,11 @@ class ContactMoves:
                 stays = _stays(force)
                 raise InterruptedMotionError(str(stays), stays.code, force)
 
-        engine.go_to_height(to_mm, speed_mm_s, on_reading=on_reading)
+        if engine.go_to_height(to_mm, speed_mm_s, on_reading=on_reading) is Outcome.LATE:
+            raise LateReading(
+                f"a force reading of a ramp at x = {engine.x_mm:g} mm came later than {unread_s:g} s after the one "
+                "before; close other programs on this computer, or use a faster force sensor"
+            )
         safe_point(engine)  # A pause ends the ramp.
         self.force_gwt = self.read("ramp")
 

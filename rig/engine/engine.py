@@ -173,7 +173,7 @@ class Engine:
         watch = Watch(
             away=height_mm > from_mm,
             touch_ends_it=not on_reading and (long or touch_ends_it),
-            late_s=late_reading_s(self.settings) if long and not on_reading else math.inf,
+            late_s=late_reading_s(self.settings) if long or on_reading else math.inf,
             on_reading=on_reading,
             # A ramp is polled from its start, so that it is late as soon as a hold is.
             lasts_s=0.0 if on_reading else abs(height_mm - from_mm) / speed_mm_s,

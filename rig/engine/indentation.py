@@ -3,21 +3,23 @@
 import math
 import statistics
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeGuard
 
-from rig.data.events import FindEvent, IndentationEndEvent, IndentationStartEvent, TouchEvent
+from rig.data.events import AlarmEvent, FindEvent, IndentationEndEvent, IndentationStartEvent, TouchEvent
 from rig.engine.contact_fit import fit_contact
 from rig.engine.contact_moves import pull_in_descent
 from rig.engine.engine import Engine
 from rig.engine.limits import AT_MM, CONTACT_EXPONENT, RampBound, TouchedPlace, refuse_no_ramps
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused, wait_at_clearance
-from rig.errors import LimitError, NotReadyError, TripError
+from rig.errors import LateReading, LimitError, NotReadyError, TripError
 from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target
 from rig.settings import RigSettings
 
 _SHOWN_BY = 4  # readings
+_LATE_RAMPS = 3  # attempts at a ramp
 _ABOVE_STEPS = 3
 """Height above a known contact where the fine descent begins, in touch increments."""
 
@@ -403,6 +405,10 @@ def _indentation(
         except LimitError:
             retract(engine)
             raise
+        except LateReading as late:
+            retract(engine)
+            engine.record(AlarmEvent(f"{late}; the ramp is repeated"))
+            raise
         retract(engine)
         found = place if place is not None and certain else TouchedPlace.found(touch, start_s, place)
         engine.touched.at(engine.x_mm, engine.along_mm, replace(found, reached=pressing.reached or before))
@@ -410,7 +416,10 @@ def _indentation(
         engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
         return Indentation(press.index, engine.x_mm, done)
 
-    return unpaused(attempt)
+    for _ in range(_LATE_RAMPS):
+        with suppress(LateReading):
+            return unpaused(attempt)
+    raise LimitError(f"{_LATE_RAMPS} ramps at x = {engine.x_mm:g} mm had a late force reading", "late_readings")
 
 
 def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:

@@ -233,8 +233,6 @@ CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Her
 
 # Time that a controller has queued at full speed: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/validation/devices.md).
 PREPARED_S = 0.11
-# Longest time without a force reading during a motion: 0.34 s behind `rig serve` (docs/validation/safety.md).
-UNREAD_S = 0.35
 
 
 def reading_delay_s(settings: RigSettings) -> float:
@@ -258,10 +256,10 @@ class Stopping:
         return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
 
     @classmethod
-    def in_one_move(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
-        """Return the stopping in a long monitored move, where the force may go unread for UNREAD_S."""
+    def in_a_ramp(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
+        """Return the stopping in a ramp, which a reading that comes too late ends."""
         late = cls.of(settings, speed_mm_s)
-        return replace(late, latency_s=late.latency_s + UNREAD_S, most_mm=math.inf)
+        return replace(late, latency_s=late.latency_s + late_reading_s(settings), most_mm=math.inf)
 
     @classmethod
     def at_a_touch(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
@@ -287,7 +285,7 @@ class Stopping:
 
 
 def late_reading_s(settings: RigSettings) -> float:
-    """Return the longest time between two force readings of a motion that a touch ends (s); a later one ends it."""
+    """Return the longest time between two force readings sideways, down to a known contact, and in a ramp (s)."""
     return 2 * settings.force.sample_period_s + LOOK_S
 
 
@@ -370,7 +368,7 @@ class RampBound:
     ) -> "RampBound":
         """Return it below the lowest trip of a press (gwt), for the force at a depth (mm)."""
         press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
-        ramp = Stopping.in_one_move(settings, speed_mm_s)
+        ramp = Stopping.in_a_ramp(settings, speed_mm_s)
         bound_gwt = trip_gwt + press.overshoot_gwt(trip_gwt, force_gwt, doi_mm)
         deepest_mm = doi_mm * (bound_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
         left_mm = max(deepest_mm - ramp.distance_mm, 0.0)
@@ -385,7 +383,7 @@ class RampBound:
                 f"a ramp at x = {x_mm:g} mm at {self.speed_mm_s:g} mm/s is too fast: it needs up to "
                 f"{self.stop_mm:.2g} mm to stop, and would have to trip at {self.trip_gwt:.3g} gwt to stay below "
                 f"{self.bound_gwt:.3g} gwt, too near to the {self.force_gwt:.3g} gwt at its depth; ramp at most at "
-                f"{self.fastest_mm_s:.2g} mm/s",
+                f"{math.floor(1000 * self.fastest_mm_s) / 1000:g} mm/s",
                 "ramp_too_fast",
             )
 

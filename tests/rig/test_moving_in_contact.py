@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
+from rig.devices.base import StageStatus
 from rig.engine import LimitError, RecordError, TripError
 from rig.engine.indentation import ramp
-from rig.engine.limits import UNREAD_S
 from rig.engine.motion import PRINTED_MM
 from rig.records import Indentation
 from rig.units import GWT_N
 from tests.error_codes import raises, shows
-from tests.rig.plain_bench import GlidingBench, PlainBench
+from tests.rig.plain_bench import GlidingBench, GlidingStage, PlainBench
 
 SKIN_MM, K_GWT = -0.3, 6.0
 DEPTH_MM, SPEED_MM_S = 0.8, 0.3
@@ -51,6 +51,24 @@ class Finger(GlidingBench):
     def ramp(self, doi_mm: float = DEPTH_MM, speed_mm_s: float = SPEED_MM_S, hold_s: float = 0.2) -> Indentation:
         engine = self.engine if self.engine.placed else self.ready()
         return ramp(engine, doi_mm, speed_mm_s, hold_s=hold_s, expected_contact_mm=SKIN_MM)
+
+
+class LaggingStage(GlidingStage):
+    """Reports an old position for a while."""
+
+    lags_until_s = -math.inf
+    reported: StageStatus | None = None
+
+    def status(self) -> StageStatus:
+        if self.reported is None or self.clock.monotonic_s() >= self.lags_until_s:
+            self.reported = super().status()
+        return self.reported
+
+
+class LaggingFinger(Finger):
+    """The same, over a stage that may lag."""
+
+    make_stage = LaggingStage
 
 
 def _law(bench: PlainBench, skin_mm: float = SKIN_MM) -> float:
@@ -171,24 +189,43 @@ def test_a_reading_that_stays_ends_a_ramp_past_its_age_and_five_steps_or_a_tenth
     assert [ends(one) for one in since] == [False] * (len(since) - 1) + [True]
 
 
-@pytest.mark.parametrize(("more_s", "ends"), [(-0.02, False), (0.02, True)])
-def test_a_ramp_may_go_unread_for_so_far_and_no_farther(more_s: float, ends: bool) -> None:
-    """The journal takes its time once; the stage goes on meanwhile, and is a look from its next reading."""
-    may_mm = SPEED_MM_S * UNREAD_S + STEP_MM + PRINTED_MM
-    bench = Finger()
+@pytest.mark.parametrize("times", [0, 1, 2, 3])
+def test_a_ramp_with_a_late_reading_is_lifted_and_repeated_at_most_twice(times: int) -> None:
+    """The journal takes its time; the stage goes on meanwhile, and stops at the next reading."""
+    bench, late_s = Finger(), 2 * 0.05 + 0.1
+    slow_s = [late_s + 0.02 - READ_S] * times + [late_s - 0.02 - READ_S]
 
     def slow(stream: str, data: Mapping[str, Any]) -> None:
-        if stream == "sample" and data["phase"] == "ramp" and data["doi_mm"] > 0.3:
-            bench.on_event = lambda stream, data: None
-            bench.clock.wait_s(may_mm / SPEED_MM_S - READ_S + more_s)
+        if stream == "retract":
+            waits.append(True)
+        if stream == "sample" and data["phase"] == "ramp" and data["doi_mm"] > 0.3 and waits and slow_s:
+            waits.clear()
+            bench.clock.wait_s(slow_s.pop(0))
 
+    waits = [True]
     bench.on_event = slow
-    if ends:
-        with raises(TripError, "ramp_unread", limit_mm=may_mm, gone_mm=may_mm + SPEED_MM_S * more_s):
+    if times == 3:
+        with raises(LimitError, "late_readings", attempts=3):
             bench.ramp()
-        assert len(bench.within("ramp")) == sum(one["doi_mm"] <= 0.5 for one in bench.within("ramp"))
     else:
         assert bench.ramp().holds
+    assert [alarm["reason"].count("the ramp is repeated") for alarm in bench.of("alarm")] == [1] * times
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+def test_a_stage_that_covers_too_much_between_two_readings_ends_a_ramp() -> None:
+    """Readings come in time, but the reported position stands for 0.4 s."""
+    bench = LaggingFinger()
+    may_mm = SPEED_MM_S * (2 * 0.05 + 0.1) + STEP_MM + PRINTED_MM
+
+    def lag(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "sample" and data["phase"] == "ramp" and data["doi_mm"] > 0.3:
+            bench.on_event = lambda stream, data: None
+            bench.stage.lags_until_s = bench.clock.monotonic_s() + 0.4  # type: ignore[attr-defined]
+
+    bench.on_event = lag
+    with raises(TripError, "ramp_unread", limit_mm=may_mm):
+        bench.ramp()
 
 
 @pytest.mark.parametrize(("sample_period_s", "look_s"), [(0.02, 0.02), (0.05, 0.05), (0.2, 0.1)])

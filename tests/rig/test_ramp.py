@@ -14,8 +14,7 @@ from rig.engine import LimitError, NotReadyError, Target, TripError, indent, lim
 from rig.engine.bench import Pause
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
-from rig.engine.limits import RAMP_MARGIN, UNREAD_S, RampBound, Stopping
-from rig.engine.motion import PRINTED_MM
+from rig.engine.limits import RAMP_MARGIN, RampBound, Stopping
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
@@ -28,7 +27,7 @@ from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from studies.faults.campaign.world import BENCHES
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench, bound_gwt
-from tests.error_codes import printed, raises, shows
+from tests.error_codes import printed, raises
 from tests.faults.other_fingers import OTHERS, RampCase, ramp_into
 
 Make = Callable[..., Any]
@@ -49,7 +48,7 @@ def test_a_ramp_that_trips_stops_within_the_force_bound_of_a_press(speed_mm_s: f
 def _ends_at_the_bound(settings: RigSettings, speed_mm_s: float, force_gwt: float, doi_mm: float) -> None:
     bound = RampBound.of(settings, speed_mm_s, 16.0, force_gwt, doi_mm)
     press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
-    move = Stopping.in_one_move(settings, speed_mm_s)
+    move = Stopping.in_a_ramp(settings, speed_mm_s)
     assert bound.bound_gwt == 16.0 + press.overshoot_gwt(16.0, force_gwt, doi_mm)
     assert bound.stop_mm == move.distance_mm
     assert 0.0 <= bound.trip_gwt <= 16.0
@@ -68,7 +67,7 @@ def test_the_fastest_allowed_ramp_trips_at_the_margin_above_its_force(force_gwt:
     fastest_mm_s = at(0.1).fastest_mm_s
     assert at(fastest_mm_s).trip_gwt == pytest.approx(RAMP_MARGIN * force_gwt)
     at(0.999 * fastest_mm_s).refuse_too_fast(LimitError, 0.0)
-    with raises(LimitError, "ramp_too_fast", x_mm=0.5, fastest_mm_s=fastest_mm_s):
+    with raises(LimitError, "ramp_too_fast", x_mm=0.5, fastest_mm_s=math.floor(1000 * fastest_mm_s) / 1000):
         at(1.001 * fastest_mm_s).refuse_too_fast(LimitError, 0.5)
 
 
@@ -272,7 +271,7 @@ def test_a_finger_that_comes_nearer_in_a_ramp_trips_within_the_force_bound(
         faulty.nearer_mm = nearer_mm
 
     _in_the_ramp(faulty, nearer, 0.3)
-    with raises(TripError, "ramp_trip", phase="while moving") as caught:
+    with raises(TripError, "ramp_trip") as caught:
         _ramp(faulty)
     assert printed(caught.value, "exceeds the ramp trip of ", " gwt") < SOFT_TRIP_N / GWT_N
     assert faulty.worst_n / GWT_N <= bound_gwt()
@@ -334,15 +333,13 @@ def test_a_frozen_force_reading_ends_a_ramp(faulty: FaultyBench, stays_gwt: floa
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "rtu"))
-def test_a_stage_that_moves_too_far_between_readings_ends_a_ramp(faulty: FaultyBench) -> None:
-    """The disk is away for 0.45 s: longer than was ever measured."""
+def test_a_late_reading_ends_a_ramp_which_is_lifted_and_repeated(faulty: FaultyBench) -> None:
+    """The disk is away for 0.45 s: longer than was ever measured. The finger is pressed no deeper than asked."""
     _in_the_ramp(faulty, lambda: faulty.after("ramp", lambda: faulty.clock.wait_s(0.45)))
-    with raises(TripError, "ramp_unread") as caught:
-        _ramp(faulty)
-    may_mm = 0.75 * UNREAD_S + faulty.config.stage.resolution_mm + PRINTED_MM
-    assert printed(caught.value, "moved by ", " mm") > may_mm
-    assert shows(str(caught.value), may_mm)
-    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+    done = _ramp(faulty)
+    assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
+    assert faulty.journal_path.read_text(encoding="utf-8").count("the ramp is repeated") == 1
+    assert faulty.worst_n / GWT_N <= bound_gwt()
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "zaber"))
@@ -383,8 +380,8 @@ def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest_speed(
         planned(2.0)
     fastest_mm_s = printed(caught.value, "ramp at most at ", " mm/s")
     assert 0.1 < fastest_mm_s < 2.0
-    (ramp_planned,) = planned(0.99 * fastest_mm_s).indentations
-    assert (ramp_planned.ramp_mm_s, ramp_planned.increments) == (0.99 * fastest_mm_s, 1)
+    (ramp_planned,) = planned(fastest_mm_s).indentations
+    assert (ramp_planned.ramp_mm_s, ramp_planned.increments) == (fastest_mm_s, 1)
     with raises(BadInputError, "ramp_too_fast"):
         planned(1.01 * fastest_mm_s)
 
