@@ -937,7 +937,7 @@ class HabitSettings(Settings):
         ge=0.05,
         le=20,
         description=(
-            "margin above the last contact, in mm, where a repeated approach begins; added to the stopping distance"
+            "margin above the last contact, in mm, where a repeated approach begins"
         ),
     )
     touch_force_gwt: float = Field(0.05, gt=0, le=1, description="force that counts as contact, in gwt")

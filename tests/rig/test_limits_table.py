@@ -158,6 +158,9 @@ ASKED: Mapping[str, Asked] = {
     "indent: hold_s": Asked(
         (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
         lambda rig, hold_s: ready(rig).indent(doi_mm=0.1, hold_s=hold_s), lambda limit: (0, limit)),
+    "indent: rest_s": Asked(
+        (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
+        lambda rig, rest_s: ready(rig).indent(doi_mm=0.1, rest_s=rest_s), lambda limit: (0, limit)),
     "indent: hold_s in all": Asked(
         (10, 3000), lambda limit: _limits(max_contact_s=limit),
         lambda rig, hold_s: ready(rig).indent(doi_mm=0.1, increments=2, hold_s=hold_s / 2), lambda limit: (0, limit)),
@@ -172,6 +175,9 @@ ASKED: Mapping[str, Asked] = {
     "ramp: hold_s": Asked(
         (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
         lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
+    "ramp: rest_s": Asked(
+        (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
+        lambda rig, rest_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, rest_s=rest_s), lambda limit: (0, limit)),
 }  # fmt: skip
 ROUND_OFF = 1e-9
 JUST_BESIDE_MM = (-1e-3, -1e-6, 0.0, 1e-6, 1e-3)

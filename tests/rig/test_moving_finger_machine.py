@@ -165,16 +165,33 @@ class FingerMachine(RuleBasedStateMachine):
         self._do(lambda engine: indent(engine, Target("force_gwt", force_gwt), hold_s=hold_s))
 
     @precondition(lambda self: not self.over)
-    @rule(doi_mm=tenths(0.1, 0.8), increments=st.integers(1, 3), finger=MEANWHILE)
-    def indent_to_depth(self, doi_mm: float, increments: int, finger: Meanwhile) -> None:
+    @rule(
+        doi_mm=tenths(0.1, 0.8),
+        increments=st.integers(1, 3),
+        rest_s=st.sampled_from([0.0, 3.0, 30.0]),
+        finger=MEANWHILE,
+    )
+    def indent_to_depth(self, doi_mm: float, increments: int, rest_s: float, finger: Meanwhile) -> None:
         self._meanwhile(finger, 60.0)
-        self._do(lambda engine: indent(engine, Target("doi_mm", doi_mm), increments=increments))
+        self._do(lambda engine: indent(engine, Target("doi_mm", doi_mm), increments=increments, rest_s=rest_s))
 
     @precondition(lambda self: not self.over and ramps(self.bench.config.stage))
-    @rule(doi_mm=tenths(0.1, 0.5), speed_mm_s=tenths(0.5, 3.0), finger=MEANWHILE)
-    def ramp(self, doi_mm: float, speed_mm_s: float, finger: Meanwhile) -> None:
-        self._meanwhile(finger, 70.0)
-        self._do(lambda engine: ramp(engine, doi_mm, speed_mm_s))
+    @rule(
+        doi_mm=tenths(0.1, 0.5),
+        speed_mm_s=tenths(0.5, 3.0),
+        times=st.integers(1, 4),
+        rest_s=st.sampled_from([0.0, 3.0, 30.0]),
+        finger=MEANWHILE,
+    )
+    def ramp(self, doi_mm: float, speed_mm_s: float, times: int, rest_s: float, finger: Meanwhile) -> None:
+        """From the third one on nothing touches the finger before."""
+        self._meanwhile(finger, 60.0 + 10.0 * times)
+
+        def press(engine: Engine) -> None:
+            for _ in range(times):
+                ramp(engine, doi_mm, speed_mm_s, rest_s=rest_s)
+
+        self._do(press)
 
     @precondition(lambda self: not self.over)
     @rule(x_mm=tenths(-2.0, 2.0), doi_mm=tenths(0.1, 0.5), presses=st.integers(1, 3), finger=MEANWHILE)

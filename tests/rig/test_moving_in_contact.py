@@ -6,12 +6,13 @@ sensor is read at each look, and settles within 0.05 s.
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import pytest
 
 from rig.devices.base import StageStatus
-from rig.engine import LimitError, RecordError, TripError
+from rig.engine import LimitError, RecordError, TripError, verbs
 from rig.engine.indentation import ramp
 from rig.engine.motion import PRINTED_MM
 from rig.records import Indentation
@@ -34,6 +35,7 @@ class Finger(GlidingBench):
 
     def __init__(self, then: Felt | None = None, tables: Mapping[str, Any] | None = None, **options: Any) -> None:
         self.then: Felt = then or _law
+        self.skin_mm = SKIN_MM
         super().__init__(self._shown, tables or {}, **{"soft_trip_n": 0.1, **options})
 
     def _shown(self, bench: PlainBench) -> float:
@@ -71,8 +73,8 @@ class LaggingFinger(Finger):
     make_stage = LaggingStage
 
 
-def _law(bench: PlainBench, skin_mm: float = SKIN_MM) -> float:
-    return round(bench.hertz(K_GWT, skin_mm), 2)
+def _law(bench: Any, skin_mm: float | None = None) -> float:
+    return round(float(bench.hertz(K_GWT, bench.skin_mm if skin_mm is None else skin_mm)), 2)
 
 
 def _odd(bench: PlainBench) -> int:
@@ -225,6 +227,101 @@ def test_a_stage_that_covers_too_much_between_two_readings_ends_a_ramp() -> None
 
     bench.on_event = lag
     with raises(TripError, "ramp_unread", limit_mm=may_mm):
+        bench.ramp()
+
+
+# --- nothing touches the finger before ---
+
+
+def _touches_before(bench: Finger) -> list[int]:
+    """Readings of a touch of each press before its ramp."""
+    found, ramped = list[int](), False
+    for name, data in bench.events:
+        if name == "indentation_start":
+            found.append(0)
+            ramped = False
+        ramped = ramped or name == "ramp"
+        if name == "sample" and not ramped and found and data["force_gwt"] >= 0.05:
+            found[-1] += 1
+    return found
+
+
+def test_nothing_touches_the_finger_before_a_ramp_to_a_contact_that_was_found_twice() -> None:
+    """The first one begins with a press by increments, the second one with a touch."""
+    bench = Finger()
+    found = [bench.ramp() for _ in range(4)]
+    first, second, *others = _touches_before(bench)
+    assert first > second > 0
+    assert others == [0, 0]
+    assert [one.holds[0].doi_mm for one in found] == pytest.approx([DEPTH_MM] * 4, abs=0.003)
+    touches = bench.of("touch")
+    assert [touch["fit_points"] > 0 for touch in touches] == [True, True, False, False]
+    assert len({touch["contact_height_mm"] for touch in touches[1:]}) == 1
+    begun_mm = next(one["height_mm"] for one in bench.within("ramp") if one["index"] == 3)
+    assert begun_mm > SKIN_MM
+
+
+@pytest.mark.parametrize(
+    ("then", "touched"),
+    [
+        (lambda bench: None, False),
+        (lambda bench: verbs.rest(bench.engine, 40.0), False),
+        (lambda bench: verbs.rest(bench.engine, 61.0), True),
+        (lambda bench: verbs.move_to(bench.engine, 1.0) or verbs.move_to(bench.engine, 0.0), False),
+        (lambda bench: verbs.home(bench.engine) or verbs.move_to(bench.engine, 0.0), True),
+    ],
+    ids=["at once", "after 40 s", "after 61 s", "there and back", "homed"],
+)
+def test_a_ramp_touches_first_where_contact_is_no_longer_certain(
+    then: Callable[[Any], object], touched: bool
+) -> None:
+    bench = Finger()
+    for n in range(3):
+        if n == 2:
+            then(bench)
+        bench.ramp()
+    assert (_touches_before(bench)[-1] > 0) is touched
+
+
+@pytest.mark.parametrize(("drift_mm", "touched"), [(0.0, False), (0.01, False), (0.035, True), (-0.035, True)])
+def test_a_ramp_touches_first_while_its_contact_drifts(drift_mm: float, touched: bool) -> None:
+    bench = Finger()
+    bench.ramp()
+    bench.skin_mm = SKIN_MM + drift_mm
+    bench.ramp()
+    bench.ramp()
+    assert (_touches_before(bench)[-1] > 0) is touched
+
+
+def test_a_deeper_ramp_measures_the_stiffness_first() -> None:
+    bench = Finger(soft_trip_n=0.2)
+    for doi_mm in (DEPTH_MM, DEPTH_MM, DEPTH_MM + 0.1):
+        bench.ramp(doi_mm)
+    assert bench.of("ramp")[-1]["measured_gwt"] == pytest.approx(K_GWT * (DEPTH_MM + 0.1) ** 1.5, rel=0.02)
+    assert _touches_before(bench)[-1] > 5
+
+
+@pytest.mark.parametrize("nearer_mm", [0.05, 0.2, 0.5, 1.0])
+def test_a_finger_that_comes_nearer_before_a_ramp_without_a_touch_is_pressed_within_the_bound(
+    nearer_mm: float,
+) -> None:
+    """Deeper by as much as it came, tripped, or met on the way down and touched first."""
+    bench = Finger()
+    bench.ramp()
+    bench.ramp()
+    bench.skin_mm = SKIN_MM + nearer_mm
+    with suppress(TripError):
+        bench.ramp()
+    assert max(one["force_gwt"] for one in bench.of("sample")) <= bench.of("ramp")[0]["bound_gwt"]
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+def test_a_finger_that_left_before_a_ramp_without_a_touch_is_missed() -> None:
+    bench = Finger()
+    bench.ramp()
+    bench.ramp()
+    bench.skin_mm = SKIN_MM - 2.0
+    with raises(TripError, "lost_finger"):
         bench.ramp()
 
 

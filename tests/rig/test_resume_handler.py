@@ -172,9 +172,9 @@ def test_a_resumed_run_repeats_a_verb_that_journals_no_answer() -> None:
 AT = PressPlace("bar", 0.0, 0.0, (PressId(0),))
 PRESSED_BEFORE: dict[str, Any] = {
     "index": 0, "indentor": "bar", "x_mm": 0.0, "verb": "indent", "target": "doi_mm", "value": 0.2, "increments": 2,
-    "speed_mm_s": 1.0, "hold_s": 1.0,
+    "speed_mm_s": 1.0, "hold_s": 1.0, "rest_s": 0.0,
 }  # fmt: skip
-OLD = {key: value for key, value in PRESSED_BEFORE.items() if key not in ("verb", "speed_mm_s", "hold_s")}
+OLD = {key: value for key, value in PRESSED_BEFORE.items() if key not in ("verb", "speed_mm_s", "hold_s", "rest_s")}
 """A press in a journal of 0.2."""
 RAMP = Ramp(doi_mm=0.2, speed_mm_s=0.3)
 MARKED = PressPlace("bar", 0.0, 0.0, (PressId(0, "data", {"block": 1}),))
@@ -186,7 +186,8 @@ COMPARED: dict[str, tuple[dict[str, list[dict[str, Any]]], Step[Any, Any], Press
         f"another {key}": ({"indentation_start": [PRESSED_BEFORE | {key: value}]}, INDENT, AT, True)
         for key, value in (
             ("indentor", "step"), ("x_mm", 0.1), ("verb", "ramp"), ("target", "force_gwt"), ("value", 0.3),
-            ("increments", 1), ("speed_mm_s", 0.5), ("hold_s", 2.0), ("block", 1), ("repeat", 1), ("condition", "a"),
+            ("increments", 1), ("speed_mm_s", 0.5), ("hold_s", 2.0), ("rest_s", 2.0), ("block", 1),
+            ("repeat", 1), ("condition", "a"),
         )
     },
     "another mark": ({"indentation_start": [PRESSED_BEFORE]}, INDENT, MARKED, True),

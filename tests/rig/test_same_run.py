@@ -63,6 +63,7 @@ def run(rig):
     found = rig.indent(
         doi_mm=either("depth", np.float64(0.2), 0.3), hold_s=either("hold", 0.1, 0.3),
         increments=either("increments", int(np.int64(1)), 2), speed_mm_s=either("own or usual speed", None, 0.2),
+        rest_s=either("rest before", 0.5, 1.0),
     )
     rig.rest(either("rest", 0.5, 3.0))
     rig.mark(either("condition or none", {}, {"condition": "b"}))
@@ -96,7 +97,17 @@ def run(rig):
         rig.indent(doi_mm=0.2, hold_s=0.1)
 """
 OTHER = (
-    *("x", "order of places", "shape", "depth", "depth or force", "own or usual speed", "increments", "hold"),
+    *(
+        "x",
+        "order of places",
+        "shape",
+        "depth",
+        "depth or force",
+        "own or usual speed",
+        "increments",
+        "hold",
+        "rest before",
+    ),
     *("verb", "block", "condition or none", "preconditioning", "reference", "touch"),
     "checkpoint",
 )
