@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeGuard
@@ -42,8 +42,8 @@ class Approach:
         engine = self.engine
         engine.limit_depth(self.lowest_mm - engine.settings.limits.max_doi_mm)
         place = self.place
-        met = self._go_near(place)
-        readings = [] if place is None or met else self._touch_again(place)
+        above, met = self._go_near(place)
+        readings = [] if place is None or met else self._touch_again(place, above)
         if not (met or readings):
             self._descend(engine.settings.habits.increment_mm, "approach", self.lowest_mm)
         touched_s = engine.clock.monotonic_s()
@@ -128,8 +128,10 @@ class Approach:
         speed_mm_s = max(fastest_mm_s, settings.habits.approach_speed_mm_s)
         return speed_mm_s, max(engine.free_mm(speed_mm_s, self.highest_mm), self.lowest_mm)
 
-    def _go_near(self, place: TouchedPlace | None) -> bool:
-        """Move down in one go to where contact may be, and on to just above a known one; return whether it is met.
+    def _go_near(self, place: TouchedPlace | None) -> tuple[list[tuple[float, float]], bool]:
+        """Move down in one go to where contact may be, and on to just above a known one.
+
+        Return the last (height, force) reading, and whether the finger is met.
 
         A known contact counts again when the press has ended normally. The increments go on from where a touch that
         vanishes at rest or a late reading ended the one move. A force below a touch is enough to meet a known contact
@@ -140,18 +142,18 @@ class Approach:
         safe_point(engine)
         touched = down_mm < engine.height_mm - AT_MM and self._touches(down_mm, "approach", readings, speed_mm_s)
         if place is None:
-            return touched
+            return readings, touched
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
         near_mm = self._near_mm(place)
         while not touched and engine.height_mm > near_mm + 1e-9:
             safe_point(engine)
             touched = self._touches(max(engine.height_mm - habits.increment_mm, near_mm), "approach", readings)
-        return touched or any(self._shows(force_gwt) for _, force_gwt in readings[-1:])
+        last = readings[-1:]
+        return last, touched or any(self._shows(force_gwt) for _, force_gwt in last)
 
-    def _touch_again(self, place: TouchedPlace) -> list[tuple[float, float]]:
+    def _touch_again(self, place: TouchedPlace, above: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         """Descend finely to the touch, and return the (height, force) readings; empty if contact is not there."""
-        engine, habits = self.engine, self.engine.settings.habits
-        readings = list[tuple[float, float]]()
+        engine, habits, readings = self.engine, self.engine.settings.habits, list(above)
         lowest_mm = max(place.contact.height_at_threshold_mm - habits.increment_mm, self.lowest_mm)
         while engine.height_mm - habits.touch_increment_mm >= lowest_mm - 1e-9:
             safe_point(engine)
