@@ -16,7 +16,7 @@ import statistics
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from typing import Any
 from rig.data.run import Run
 from rig.data.tables import spans
 from rig.devices.registry import BUILT_IN, ramps
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.api import Rig
@@ -36,7 +37,8 @@ from tests.contracts.tables import tables
 
 PRESSES = 60
 PLACES = {"one place": 1, "twelve places": 12}
-RAMP_MM_S = 0.5
+RAMP_MM_S = {"20 Hz": 0.8, "100 Hz": 1.0}
+"""Of a version that allows no such speed the row is left out."""
 DOI_MM, HOLD_S, REST_S = 0.5, 1.0, 3.0
 PERIODS_S = {"20 Hz": 0.05, "100 Hz": 0.01}
 SCRIPT = """
@@ -69,6 +71,7 @@ class Minutes:
     places: str
     press: str
     run_s: float
+    before_s: float | None
     presses_s: float
     limit_s: float
     shortest_rest_s: float
@@ -111,7 +114,10 @@ def run_pair(
 
 
 def rests_s(run: Run) -> list[float]:
-    """Return the times from the last reading of a touch to the next one, before each press but the first."""
+    """Return the times from lift-off to the next touch, or in older versions from the last reading of a touch."""
+    rested = [one["rested_s"] for one in run.stream("touch") if one.get("rested_s") is not None]
+    if rested:
+        return rested
     touch_gwt = 0.05
     touching = [one["t_s"] for one in run.stream("sample") if one["force_gwt"] >= touch_gwt]
     starts = [one["t_s"] for one in run.stream("indentation_start")][1:]
@@ -148,7 +154,7 @@ def limit_s(run: Run, config: Config) -> float:
 def minutes(run: Run, config: Config, rate: str, places: str, ramp_mm_s: float | None) -> Minutes:
     """Return the times and errors of a run."""
     rests = rests_s(run)
-    errors_um = [1000 * abs(one["true_doi_bias_mm"]) for one in run.stream("touch")]
+    errors_um = [1000 * abs(one["true_doi_mm"] - one["doi_mm"]) for one in run.stream("hold_end")]
     depth_um = [1000 * abs(one["true_doi_mm"] - DOI_MM) for one in run.stream("hold_end")]
     starts, ends = run.stream("indentation_start"), run.stream("indentation_end")
     booked = dict.fromkeys((span.what for span in spans(run)), 0.0)
@@ -164,6 +170,7 @@ def minutes(run: Run, config: Config, rate: str, places: str, ramp_mm_s: float |
         places=places,
         press="by increments" if ramp_mm_s is None else f"ramp {ramp_mm_s:g} mm/s",
         run_s=round(run.duration_s, 1),
+        before_s=None,
         presses_s=round(ends[-1]["t_s"] - starts[0]["t_s"], 1),
         limit_s=round(limit_s(run, config), 1),
         shortest_rest_s=round(min(rests), 2),
@@ -177,15 +184,32 @@ def minutes(run: Run, config: Config, rate: str, places: str, ramp_mm_s: float |
 
 
 def pairs(stage: str | None, force: str | None) -> Iterator[tuple[str, dict[str, Any], str, str, float | None]]:
-    """Yield the pairs of devices, each sensor at each rate, the places, and the speed of a ramp."""
+    """Yield the pairs of devices, each sensor at each rate, the places, and the speed of a ramp.
+
+    Twelve places and ramps with the first kind of sensor alone.
+    """
     sensors = {one.kind: one.table for one in tables(ForceBytes)}
     for one in BUILT_IN["stage"] if stage is None else (stage,):
         for kind in BUILT_IN["force"] if force is None else (force,):
             for rate, period_s in PERIODS_S.items():
                 settings = {"kind": kind, **sensors[kind], "sample_period_s": period_s}
-                for places in PLACES:
-                    for ramp_mm_s in (None, RAMP_MM_S) if ramps(StageSettings(kind=one)) else (None,):
-                        yield one, settings, rate, places, ramp_mm_s
+                yield one, settings, rate, "one place", None
+                if kind == BUILT_IN["force"][0]:
+                    yield one, settings, rate, "twelve places", None
+                    if ramps(StageSettings(kind=one)):
+                        yield one, settings, rate, "one place", RAMP_MM_S[rate]
+
+
+def _key(row: dict[str, Any]) -> tuple[str, ...]:
+    return tuple(str(row[name]) for name in ("stage", "force", "rate", "places", "press"))
+
+
+def _before(path: Path | None) -> dict[tuple[str, ...], float]:
+    """Return the times of a file of another version."""
+    if path is None:
+        return {}
+    with path.open(encoding="utf-8", newline="") as file:
+        return {_key(row): float(row["presses_s"]) for row in csv.DictReader(file)}
 
 
 def main() -> None:
@@ -195,14 +219,20 @@ def main() -> None:
     parser.add_argument("--force", choices=BUILT_IN["force"], help="this force sensor alone")
     parser.add_argument("--rate", choices=list(PERIODS_S), help="this rate alone")
     parser.add_argument("--csv", type=Path, help="file to write")
+    parser.add_argument("--before", type=Path, help="such a file of another version, whose presses_s are before_s")
     options = parser.parse_args()
-    finger, rows = Fingertip.load(), []
+    finger, rows, before = Fingertip.load(), list[Minutes](), _before(options.before)
     for stage, force, rate, places, ramp_mm_s in pairs(options.stage, options.force):
         if options.rate not in (None, rate):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            done = run_pair(finger, stage, force, PLACES[places], ramp_mm_s, Path(folder))
-            rows.append(minutes(*done, rate, places, ramp_mm_s))
+            try:
+                done = run_pair(finger, stage, force, PLACES[places], ramp_mm_s, Path(folder))
+            except BadInputError as refused:
+                print(refused, file=sys.stderr)
+                continue
+            found = minutes(*done, rate, places, ramp_mm_s)
+            rows.append(replace(found, before_s=before.get(_key(asdict(found)))))
         print(*asdict(rows[-1]).items(), sep="\n  ", file=sys.stderr, flush=True)
     if options.csv is not None:
         with options.csv.open("w", newline="", encoding="utf-8") as file:

@@ -429,14 +429,15 @@ class FingerMachine(RuleBasedStateMachine):
             return
         noise_gwt = engine.sensing.noise_gwt
         judge(noise_gwt <= NOISIEST_GWT, f"noise of {noise_gwt:.2f} gwt")
-        until_s = bench.force.read_s[:READINGS_OF_A_ZERO][-1]
-        samples = [one for one in bench.witness.samples if bench.force.zeroed_s <= one.t_s <= until_s]
+        read_s = bench.force.read_s[:READINGS_OF_A_ZERO]
+        unread_s = max(after_s - before_s for before_s, after_s in pairwise([bench.force.zeroed_s, *read_s]))
+        samples = [one for one in bench.witness.samples if bench.force.zeroed_s <= one.t_s <= read_s[-1]]
         there = [one for one in samples if abs(one.height_mm - samples[0].height_mm) < 1e-3]
         # Readings may miss a shorter touch; one that they do not miss is noise.
         pressed = 0.0
         for touched, spell in groupby(there, key=lambda one: one.force_gwt > 0.0):
             touch = list(spell)
-            if touched and touch[-1].t_s - touch[0].t_s >= bench.config.force.sample_period_s:
+            if touched and touch[-1].t_s - touch[0].t_s >= unread_s:
                 pressed += sum(before.force_gwt * (after.t_s - before.t_s) for before, after in pairwise(touch))
         mean_gwt = pressed / (there[-1].t_s - there[0].t_s) if len(there) > 1 else 0.0
         judge(mean_gwt < bench.least_gwt, f"a zero at {mean_gwt:.2f} gwt")
