@@ -19,6 +19,8 @@ from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target
 from rig.settings import RigSettings
 
 _SHOWN_BY = 4  # readings
+_SLOPE = 0.1
+"""How much the skin may rise beside a contact, over the finger model (mm per mm)."""
 _LATE_RAMPS = 3  # attempts at a ramp
 _ABOVE_STEPS = 3
 """Height above a known contact where the fine descent begins, in touch increments."""
@@ -93,6 +95,26 @@ class Approach:
         """What is known of contact at the present position."""
         return self.engine.touched.place_at(self.engine.x_mm, self.engine.along_mm)
 
+    def found(self, contact: ContactFit, found_s: float, before: TouchedPlace | None) -> TouchedPlace:
+        """Return the contact that was found now, where another one may have been found before."""
+        height_mm = contact.contact_height_mm
+        drift_mm = None if before is None else height_mm - before.contact.contact_height_mm
+        return TouchedPlace(contact, found_s, height_mm - self._predicted_mm, drift_mm)
+
+    @property
+    def _predicted_mm(self) -> float:
+        return 0.5 * (self.lowest_mm + self.highest_mm)
+
+    @property
+    def _expected_below_mm(self) -> float:
+        """Highest height of contact: beside a contact of this run less than its limit (mm above the apex)."""
+        nearest = self.engine.touched.nearest(self.engine.x_mm, self.engine.along_mm)
+        if nearest is None:
+            return self.highest_mm
+        away_mm, place = nearest
+        margin_mm = self.engine.settings.habits.retouch_margin_mm + _SLOPE * away_mm
+        return min(self._predicted_mm + place.above_expected_mm + margin_mm, self.highest_mm)
+
     def rest(self, rest_s: float) -> None:
         """Wait at clearance until the approach touches no earlier than this time after the last lift-off.
 
@@ -111,7 +133,7 @@ class Approach:
         engine, habits, place = self.engine, self.engine.settings.habits, self.place
         speed_mm_s, down_mm = self._free_move()
         if place is None:
-            return max(engine.height_mm - max(down_mm, self.highest_mm), 0.0) / speed_mm_s
+            return max(engine.height_mm - max(down_mm, self._expected_below_mm), 0.0) / speed_mm_s
         steps = math.ceil((down_mm - self._near_mm(place)) / habits.increment_mm) + _ABOVE_STEPS
         moves_s = (down_mm - place.contact.contact_height_mm) / habits.approach_speed_mm_s
         return (engine.height_mm - down_mm) / speed_mm_s + moves_s + steps * engine.sensing.settle_s
@@ -126,7 +148,7 @@ class Approach:
         engine, settings = self.engine, self.engine.settings
         fastest_mm_s = min(engine.touch_limit.speed_mm_s, settings.limits.max_press_speed_mm_s)
         speed_mm_s = max(fastest_mm_s, settings.habits.approach_speed_mm_s)
-        return speed_mm_s, max(engine.free_mm(speed_mm_s, self.highest_mm), self.lowest_mm)
+        return speed_mm_s, max(engine.free_mm(speed_mm_s, self._expected_below_mm), self.lowest_mm)
 
     def _go_near(self, place: TouchedPlace | None) -> tuple[list[tuple[float, float]], bool]:
         """Move down in one go to where contact may be, and on to just above a known one.
@@ -223,7 +245,7 @@ class Approach:
         """
         engine = self.engine
         approach_mm_s = engine.settings.habits.approach_speed_mm_s
-        engine.go_to_height(height_mm, speed_mm_s or approach_mm_s, expected_below_mm=self.highest_mm)
+        engine.go_to_height(height_mm, speed_mm_s or approach_mm_s, expected_below_mm=self._expected_below_mm)
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
@@ -412,7 +434,7 @@ def _indentation(
             engine.record(AlarmEvent(f"{late}; the ramp is repeated"))
             raise
         retract(engine)
-        found = place if place is not None and certain else TouchedPlace.found(touch, start_s, place)
+        found = place if place is not None and certain else approach.found(touch, start_s, place)
         engine.touched.at(engine.x_mm, engine.along_mm, replace(found, reached=pressing.reached or before))
         duration = engine.clock.monotonic_s() - start_s
         engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
@@ -434,7 +456,7 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
         retract(engine)
         raise
     retract(engine)
-    engine.touched.at(engine.x_mm, engine.along_mm, TouchedPlace(contact, engine.clock.monotonic_s()))
+    engine.touched.at(engine.x_mm, engine.along_mm, approach.found(contact, engine.clock.monotonic_s(), None))
     height_mm = contact.contact_height_mm
     engine.record(FindEvent(index, engine.indentor, engine.x_mm, engine.along_mm, round(height_mm, 6)))
     return height_mm

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 from rig.clock import Clock, real_s
 from rig.devices.base import LOOK_S, Axis
@@ -396,20 +395,15 @@ CERTAIN_S, CERTAIN_MM = 60.0, 0.02
 class TouchedPlace:
     """Contact at a position, when it was found, and what was measured there.
 
-    found_s: on the clock of the bench. drift_mm: distance from the contact found before. reached: depth (mm) and
-    force (gwt) of the last press by increments.
+    found_s: on the clock of the bench. above_expected_mm: by how much contact was higher than predicted. drift_mm:
+    distance from the contact found before. reached: depth (mm) and force (gwt) of the last press by increments.
     """
 
     contact: ContactFit
     found_s: float = -math.inf
+    above_expected_mm: float = 0.0
     drift_mm: float | None = None
     reached: tuple[float, float] | None = None
-
-    @classmethod
-    def found(cls, contact: ContactFit, found_s: float, before: Self | None) -> Self:
-        """Return a contact just found, where another was found before."""
-        drift_mm = None if before is None else contact.contact_height_mm - before.contact.contact_height_mm
-        return cls(contact, found_s, drift_mm)
 
     def is_certain(self, now_s: float) -> bool:
         """Return whether a press need not touch first: the contact was found twice in one place, and lately."""
@@ -437,6 +431,11 @@ class Touched:
     def place_at(self, x_mm: float, along_mm: float) -> TouchedPlace | None:
         """Return what is known of a position, or None."""
         return self._found.get((x_mm, along_mm))
+
+    def nearest(self, x_mm: float, along_mm: float) -> tuple[float, TouchedPlace] | None:
+        """Return the distance (mm) and the contact of the nearest place, or None."""
+        away = [(math.hypot(x_mm - x, along_mm - along), place) for (x, along), place in self._found.items()]
+        return min(away, key=lambda one: one[0], default=None)
 
     def stiffest(self, predicted: FingerStiffness) -> FingerStiffness:
         """Return the highest stiffness, as predicted or as a press has measured it."""

@@ -201,7 +201,7 @@ def _not_reached(engine: Engine) -> None:
         indent(engine, Target("doi_mm", 1.8), hold_s=0.0)
 
 
-SEARCHED_MM = 0.5  # limits.search_mm above the expected contact, 0
+BESIDE_MM = CONTACT_MM + 0.1 + 0.1 * 0.5  # half a millimeter beside a contact at its height
 BY_INCREMENTS_MM = 1.95
 
 
@@ -213,7 +213,7 @@ BY_INCREMENTS_MM = 1.95
         (verbs.zero, ABOVE_MM),
         (_there_and_back, ABOVE_MM),
         (_along_and_back, ABOVE_MM),
-        (_elsewhere, SEARCHED_MM),
+        (_elsewhere, BESIDE_MM),
         (lambda engine: verbs.mount(engine, "bar:3.0"), BY_INCREMENTS_MM),
         (_home, BY_INCREMENTS_MM),
         (_paused, BY_INCREMENTS_MM),
