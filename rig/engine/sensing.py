@@ -191,7 +191,11 @@ class Sensing:
     @property
     def touch_gwt(self) -> float:
         """Reading that means contact (gwt): as configured, or well above the noise."""
-        return max(self._settings.habits.touch_force_gwt, self.least_gwt)
+        return self.touch_with_noise_gwt(self.noise_gwt)
+
+    def touch_with_noise_gwt(self, noise_gwt: float) -> float:
+        """Return the reading that means contact (gwt) where single readings scatter by this."""
+        return max(self._settings.habits.touch_force_gwt, self.resolution_gwt, NOISE_WIDTH * noise_gwt)
 
     @property
     def wait_s(self) -> float:

@@ -34,6 +34,7 @@ from rig.engine.motion import (
 )
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing, zero_readings_gwt
 from rig.engine.verbs import (
+    LIFTED_READINGS,
     go_sideways,
     guarded_sideways,
     zero_in_contact_error,
@@ -204,10 +205,13 @@ class Steps:
             self._move_for_zero(DOWN, z_mm + ZERO_LIFT_MM + AT_MM, speed_mm_s)
         name, zero = take_zero(sensing, engine.memory)
         try:
-            force_gwt = self._move_for_zero(UP, ZERO_LIFT_MM, speed_mm_s).known.force_gwt
-            if force_gwt is None:
+            if self._move_for_zero(UP, ZERO_LIFT_MM, speed_mm_s).known.force_gwt is None:
                 raise LimitError("no steady force after the lift; zero the sensor again", "no_reading")
-            if touched := zero_in_contact_error(LimitError, sensing, force_gwt):
+            try:
+                lifted_gwt = [sensing.settled().force_n / GWT_N for _ in range(LIFTED_READINGS)]
+            except NoReadingError as error:
+                raise LimitError(f"{error}; zero the sensor again", error.code) from error
+            if touched := zero_in_contact_error(LimitError, sensing, lifted_gwt):
                 raise touched
         except BaseException:
             sensing.zero = None

@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -41,7 +41,8 @@ _E = TypeVar("_E", bound=RigError)
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 """Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
 
-_LIFTED_READINGS = 4
+LIFTED_READINGS = 6
+"""Readings after the lift of a zero, from whose mean and scatter a change of the force is told."""
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -138,8 +139,8 @@ def zero(engine: Engine) -> None:
     refused = zero_noise_error(TripError, sensing, found)
     if refused is None:
         engine.lift(max(engine.height_mm + ZERO_LIFT_MM, settings.habits.clearance_mm))
-        change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
-        refused = zero_in_contact_error(TripError, sensing, change_gwt)
+        lifted_gwt = [engine.reading().force_n / GWT_N for _ in range(LIFTED_READINGS)]
+        refused = zero_in_contact_error(TripError, sensing, lifted_gwt)
     if refused is not None:
         sensing.zero = None
         engine.trip(refused)
@@ -181,9 +182,13 @@ def zero_noise_error(kind: type[_E], sensing: Sensing, zero: ForceZero) -> _E | 
     )
 
 
-def zero_in_contact_error(kind: type[_E], sensing: Sensing, change_gwt: float) -> _E | None:
-    """Return the error for a zero from which a lift has changed the force as a touch does, else None."""
-    if abs(change_gwt) < sensing.touch_gwt:
+def zero_in_contact_error(kind: type[_E], sensing: Sensing, lifted_gwt: Sequence[float]) -> _E | None:
+    """Return the error for a zero from which a lift has changed the force as a touch does, else None.
+
+    The noise that counts is that of the readings in the air, since a finger may have pressed in those of the zero.
+    """
+    change_gwt = statistics.fmean(lifted_gwt)
+    if abs(change_gwt) < sensing.touch_with_noise_gwt(statistics.pstdev(lifted_gwt)):
         return None
     return kind(
         f"the force changed by {change_gwt:+.2f} gwt when the indentor was lifted by {ZERO_LIFT_MM:g} mm after "

@@ -768,9 +768,20 @@ def test_a_zero_whose_lift_changes_the_force_by_a_touch_is_refused(
     kind: type[RigError], change_gwt: float, touched: bool
 ) -> None:
     """In a run by a trip, under manual control as a limit."""
-    found = verbs.zero_in_contact_error(kind, StubBench().engine.sensing, change_gwt)
+    found = verbs.zero_in_contact_error(kind, StubBench().engine.sensing, [change_gwt] * 6)
     assert (found is not None) is touched
     assert found is None or (type(found), found.code) == (kind, "zero_in_contact")
+
+
+def test_the_noise_of_a_zero_in_which_a_finger_pressed_does_not_hide_the_change_after_its_lift() -> None:
+    """The scatter of the zero is that of the finger; in the air there is none."""
+    sensing = StubBench().engine.sensing
+    sensing.take_zero([0.0, 0.05, 0.1, 0.13, 0.1, 0.05])
+    assert sensing.touch_gwt > 0.2
+    found = verbs.zero_in_contact_error(LimitError, sensing, [-0.07] * 6)
+    assert found is not None
+    assert found.code == "zero_in_contact"
+    assert verbs.zero_in_contact_error(LimitError, sensing, [-0.14, 0.1, -0.2, 0.05, -0.1, -0.13]) is None
 
 
 @pytest.mark.parametrize(("noise_gwt", "refused"), [(0.1, False), (0.1001, True)])

@@ -11,6 +11,7 @@ from rig.engine import Pause, TripError, verbs
 from rig.engine.indentation import indent
 from rig.records import Target
 from rig.session.script_run import ENDINGS, stopped_at_once
+from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.moving_finger import (
     FACT_S,
@@ -111,6 +112,23 @@ def test_a_zero_of_a_run_never_hides_a_finger_that_comes_up(bench: FingerBench, 
     assert engine.sensing.touch_gwt < 0.5, "or a touch is not felt any more"
     not_dragged(bench)
     assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
+
+
+@pytest.mark.parametrize(("bench", "by_mm"), on_all(2.03, 2.05), indirect=["bench"])
+def test_a_zero_in_which_a_finger_pressed_lightly_and_left_is_refused(bench: FingerBench, by_mm: float) -> None:
+    """It leaves before the lift, so that only the forces of the zero and in the air differ."""
+    engine = bench.ready()
+    zero = bench.force.zero
+
+    def press() -> None:
+        zero()
+        bench.finger.moves(in_s(bench, 0.25), by_mm, 20.0, stays_s=0.3)
+
+    bench.force.zero = press  # type: ignore[method-assign]
+    with suppress(*ENDINGS):
+        verbs.zero(engine)
+    held = engine.sensing.zero
+    assert held is None or abs(held.offset_n / GWT_N) < 0.05
 
 
 @pytest.mark.quick(rows=few)
