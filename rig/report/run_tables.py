@@ -1,5 +1,6 @@
 """Tables of a run's report, repeats by condition, and the numbers behind its figures as CSV."""
 
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_table
-from rig.data.tables import booked_s, motions_in_contact, tables
+from rig.data.tables import booked_s, motions_in_contact, spans, tables
 from rig.plan.finger_model import PredictedHold
 from rig.records import SAME_DECIMALS, force_tolerance_gwt, grouped
 from rig.report.style import as_number, signed
-from rig.settings import StageSettings, limits_in_kpa
+from rig.settings import HabitSettings, LimitSettings, StageSettings, limits_in_kpa
 from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
@@ -274,19 +275,61 @@ def _delivered_in_words(found: Sequence[DeliveredPress]) -> str:
 
 @dataclass(frozen=True)
 class Phase:
-    """Phase of a run: total time (s), its share, and time per indentation (s)."""
+    """Phase of a run: total time (s), its share, time per indentation (s), and what its motions need at least (s)."""
 
     name: str
     seconds: float
     share: float
     each_s: float
+    least_s: float | None
 
 
 def phases(run: Run) -> list[Phase]:
     """Return the phases that took time."""
-    booked = booked_s(run)
+    booked, least = booked_s(run), _least_s(run)
     whole, presses = sum(booked.values()) or 1.0, max(len(run.done), 1)
-    return [Phase(name, s, s / whole, s / presses) for name, s in booked.items() if s]
+    return [
+        Phase(name, s, s / whole, s / presses, least[name] / presses if name in least else None)
+        for name, s in booked.items()
+        if s
+    ]
+
+
+def shortest_s(way_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
+    """Return the shortest time of a motion from rest to rest (s)."""
+    if way_mm < speed_mm_s**2 / acceleration_mm_s2:
+        return float(2 * np.sqrt(way_mm / acceleration_mm_s2))
+    return way_mm / speed_mm_s + speed_mm_s / acceleration_mm_s2
+
+
+def _least_s(run: Run) -> dict[str, float]:
+    """Return the time that the ways of each phase need at the highest speeds of the configuration (s)."""
+    config = toml_of(read_text(run.folder.config))
+    habits = HabitSettings.model_validate(config.get("habits", {}))
+    fastest_mm_s = LimitSettings.model_validate(limits_in_kpa(config.get("limits", {}))).max_press_speed_mm_s
+    acceleration_mm_s2 = config.get("stage", {}).get("acceleration_mm_s2", StageSettings().acceleration_mm_s2)
+    speeds_mm_s = {
+        "lateral moves": habits.travel_speed_mm_s,
+        "approach": fastest_mm_s,
+        "touch-off": habits.approach_speed_mm_s,
+        "press and seek": habits.press_speed_mm_s,
+        "lift": habits.travel_speed_mm_s,
+    }
+    samples = (one for stream in SAMPLES for one in run.stream(stream))
+    found = [one for one in (*samples, *run.stream("retract")) if one.get("height_mm") is not None]
+    times_s, places_mm, x_mm = list[float](), list[tuple[float, float]](), 0.0
+    for one in sorted(found, key=lambda one: one["t_s"]):
+        x_mm = x_mm if one.get("x_mm") is None else one["x_mm"]
+        times_s.append(one["t_s"])
+        places_mm.append((x_mm, one["height_mm"]))
+    least = dict.fromkeys(speeds_mm_s, 0.0)
+    for span in spans(run):
+        begin, end = bisect_right(times_s, span.begin_s), bisect_right(times_s, span.end_s)
+        if span.what not in speeds_mm_s or not begin:
+            continue
+        way_mm = float(np.ptp(places_mm[begin - 1 : end], axis=0).max())
+        least[span.what] += shortest_s(way_mm, speeds_mm_s[span.what], acceleration_mm_s2)
+    return least
 
 
 def why_approach(run: Run) -> str:

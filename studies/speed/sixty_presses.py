@@ -29,6 +29,7 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import load_script
+from rig.report.run_tables import shortest_s
 from rig.session.session import NewRun, Session, dry_run
 from rig.settings import StageSettings
 from sim.models.fingertip import Fingertip
@@ -129,25 +130,17 @@ def rests_s(run: Run) -> list[float]:
     return found
 
 
-def way_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
-    """Return the shortest time of a motion from rest to rest."""
-    ramp_mm = speed_mm_s**2 / acceleration_mm_s2
-    if distance_mm < ramp_mm:
-        return 2 * (distance_mm / acceleration_mm_s2) ** 0.5
-    return distance_mm / speed_mm_s + speed_mm_s / acceleration_mm_s2
-
-
 def limit_s(run: Run, config: Config) -> float:
     """Return what physics leaves of the presses: all ways at the highest speeds allowed, holds and rests."""
     habits, a = config.habits, config.stage.acceleration_mm_s2
     down_mm = habits.clearance_mm
     total_s = 0.0
     places = [one["x_mm"] for one in run.stream("indentation_start")]
-    lift_s = way_s(down_mm + DOI_MM, habits.travel_speed_mm_s, a)
-    press_s = way_s(DOI_MM, habits.press_speed_mm_s, a)
-    down_s = way_s(down_mm, config.limits.max_press_speed_mm_s, a)
+    lift_s = shortest_s(down_mm + DOI_MM, habits.travel_speed_mm_s, a)
+    press_s = shortest_s(DOI_MM, habits.press_speed_mm_s, a)
+    down_s = shortest_s(down_mm, config.limits.max_press_speed_mm_s, a)
     for before, after in pairwise(places):
-        total_s += max(REST_S, lift_s + way_s(abs(after - before), habits.travel_speed_mm_s, a) + down_s)
+        total_s += max(REST_S, lift_s + shortest_s(abs(after - before), habits.travel_speed_mm_s, a) + down_s)
     return total_s + len(places) * (press_s + HOLD_S)
 
 

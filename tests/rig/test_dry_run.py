@@ -192,3 +192,14 @@ def test_the_report_counts_the_duration_of_every_phase_of_a_run(bar: Run) -> Non
     samples = [{**start, "phase": phase, "t_s": start["t_s"] + n} for n, phase in enumerate(known)]
     every = replace(bar, events={**bar.events, "sample": samples})
     assert sum(phase.seconds for phase in phases(every)) > 0
+
+
+def test_the_report_states_what_the_motions_of_each_phase_need_at_least(bar: Run) -> None:
+    """Never more than the phase took, and nothing sideways for one press; a lift of some 2.5 mm at 5 mm/s and 50 mm/s² needs 0.6 s."""
+    found = {phase.name: phase for phase in phases(bar)}
+    assert found["hold"].least_s is None
+    assert found["lift"].least_s == pytest.approx(0.6, abs=0.02)
+    for name in ("lateral moves", "approach", "touch-off", "press and seek", "lift"):
+        least_s = found[name].least_s
+        assert least_s is not None
+        assert 0.0 <= least_s < found[name].each_s
