@@ -115,12 +115,13 @@ class Approach:
         margin_mm = self.engine.settings.habits.retouch_margin_mm + _SLOPE * away_mm
         return min(self._predicted_mm + place.above_expected_mm + margin_mm, self.highest_mm)
 
-    def rest(self, rest_s: float) -> None:
+    def rest(self, rest_s: float, *, ramps: bool) -> None:
         """Wait at clearance until the approach touches no earlier than this time after the last lift-off.
 
-        A contact that has come nearer is touched earlier by as much as the way to it is shorter.
+        A contact that has come nearer is touched earlier by as much as the way to it is shorter. A ramp may touch
+        without the increments of an approach.
         """
-        engine, way_s = self.engine, self._shortest_way_s()
+        engine, way_s = self.engine, self._shortest_way_s(ramps=ramps)
         while True:
             now_s, lifted_off_s = engine.clock.monotonic_s(), engine.contact.lifted_off_s
             until_s = (now_s if lifted_off_s is None else lifted_off_s) + rest_s - way_s
@@ -128,15 +129,18 @@ class Approach:
                 return
             wait_at_clearance(engine, until_s)
 
-    def _shortest_way_s(self) -> float:
+    def _shortest_way_s(self, *, ramps: bool) -> float:
         """Return the shortest time to the touch: to a known contact, or to the highest expected one (s)."""
         engine, habits, place = self.engine, self.engine.settings.habits, self.place
         speed_mm_s, down_mm = self._free_move()
         if place is None:
-            return max(engine.height_mm - max(down_mm, self._expected_below_mm), 0.0) / speed_mm_s
+            down_mm = max(down_mm, self._expected_below_mm)
+        way_s = max(engine.height_mm - down_mm, 0.0) / speed_mm_s
+        if place is None or ramps:
+            return way_s
         steps = math.ceil((down_mm - self._near_mm(place)) / habits.increment_mm) + _ABOVE_STEPS
         moves_s = (down_mm - place.contact.contact_height_mm) / habits.approach_speed_mm_s
-        return (engine.height_mm - down_mm) / speed_mm_s + moves_s + steps * engine.sensing.settle_s
+        return way_s + moves_s + steps * engine.sensing.settle_s
 
     def _near_mm(self, place: TouchedPlace) -> float:
         """Return the height above a known contact where the fine descent begins (mm)."""
@@ -399,7 +403,7 @@ def _indentation(
     def attempt() -> Indentation:
         engine.trips.press_on(asked.contact_area_mm2)
         safe_point(engine)
-        approach.rest(asked.rest_s)
+        approach.rest(asked.rest_s, ramps=asked.verb == "ramp")
         place = approach.place
         before = None if place is None else place.reached
         start_s = engine.clock.monotonic_s()

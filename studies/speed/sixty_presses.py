@@ -38,7 +38,7 @@ from tests.contracts.tables import tables
 
 PRESSES = 60
 PLACES = {"one place": 1, "twelve places": 12}
-RAMP_MM_S = {"20 Hz": 0.8, "100 Hz": 1.0}
+RAMP_MM_S = {"20 Hz": 0.7, "100 Hz": 1.0}
 """Of a version that allows no such speed the row is left out."""
 DOI_MM, HOLD_S, REST_S = 0.5, 1.0, 3.0
 PERIODS_S = {"20 Hz": 0.05, "100 Hz": 0.01}

@@ -7,6 +7,7 @@ sensor is read at each look, and settles within 0.05 s.
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -50,9 +51,11 @@ class Finger(GlidingBench):
         """The readings of a phase on record."""
         return [sample for sample in self.of("sample") if sample["phase"] == phase]
 
-    def ramp(self, doi_mm: float = DEPTH_MM, speed_mm_s: float = SPEED_MM_S, hold_s: float = 0.2) -> Indentation:
+    def ramp(
+        self, doi_mm: float = DEPTH_MM, speed_mm_s: float = SPEED_MM_S, hold_s: float = 0.2, rest_s: float = 0.0
+    ) -> Indentation:
         engine = self.engine if self.engine.placed else self.ready()
-        return ramp(engine, doi_mm, speed_mm_s, hold_s=hold_s, expected_contact_mm=SKIN_MM)
+        return ramp(engine, doi_mm, speed_mm_s, hold_s=hold_s, rest_s=rest_s, expected_contact_mm=SKIN_MM)
 
 
 class LaggingStage(GlidingStage):
@@ -281,6 +284,25 @@ def test_a_ramp_touches_first_where_contact_is_no_longer_certain(
             then(bench)
         bench.ramp()
     assert (_touches_before(bench)[-1] > 0) is touched
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.1, 0.3, 0.8])
+def test_a_ramp_touches_no_earlier_than_its_rest_after_the_last_lift_off(speed_mm_s: float) -> None:
+    bench, touched = Finger(soft_trip_n=0.3), list[tuple[float, bool]]()
+
+    def look() -> None:
+        touched.append((bench.clock.monotonic_s(), bench.height_mm < SKIN_MM))
+        bench.clock.call_at(bench.clock.monotonic_s() + 0.01, look)
+
+    bench.ready()
+    look()
+    for _ in range(4):
+        bench.ramp(0.4, speed_mm_s, rest_s=6.0)
+    changes = [after for before, after in pairwise(touched) if before[1] is not after[1]]
+    for (lifted_s, touches), (touched_s, _) in pairwise(changes):
+        if not touches and touched_s - lifted_s > 2.0:
+            assert touched_s - lifted_s >= 6.0 - 0.02
+    assert all(6.0 <= touch["rested_s"] < 8.5 for touch in bench.of("touch")[1:])
 
 
 @pytest.mark.parametrize(("drift_mm", "touched"), [(0.0, False), (0.01, False), (0.035, True), (-0.035, True)])
