@@ -195,7 +195,7 @@ def test_the_report_counts_the_duration_of_every_phase_of_a_run(bar: Run) -> Non
 
 
 def test_the_report_states_what_the_motions_of_each_phase_need_at_least(bar: Run) -> None:
-    """At most what the phase took. A lift of 2.5 mm at 5 mm/s and 50 mm/s² needs 0.6 s; one press goes nowhere aside."""
+    """A lift of 2.5 mm at 5 mm/s and 50 mm/s² needs 0.6 s. One press goes nowhere aside."""
     found = {phase.name: phase for phase in phases(bar)}
     assert found["hold"].least_s is None
     assert found["lift"].least_s == pytest.approx(0.6, abs=0.02)
