@@ -7,6 +7,7 @@ from rig.devices.base import ForceReading
 from rig.engine.engine import Engine
 from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, UNREAD_S, RampBound, reading_delay_s
 from rig.engine.motion import PRINTED_MM, InterruptedMotionError
+from rig.engine.sync_pulse import pulse
 from rig.engine.verbs import safe_point
 from rig.errors import LimitError, TripError
 from rig.records import ContactFit, Phase, PressId
@@ -127,6 +128,7 @@ class ContactMoves:
             stop_mm=round(bound.stop_mm, 6),
         )
         engine.record(start, self.id)
+        pulse(engine, self.id, "ramp")
         self.peak_gwt, self.ramp_from = 0.0, (0.0, engine.clock.monotonic_s())
         unread_mm = speed_mm_s * UNREAD_S + self.smallest_mm + PRINTED_MM
         late_mm = speed_mm_s * reading_delay_s(engine.settings)
