@@ -731,16 +731,14 @@ class SyncSettings(Settings):
     output: Annotated[str, AfterValidator(_an_output)] = Field(
         "off",
         description=(
-            "output for the pulse: off; coolant (M8/M9) or spindle (M3/M5) of a GRBL board; drive (a Leadshine "
-            "output); rts:PORT or dtr:PORT (a line of a serial adapter, beside any stage)"
+            "off; coolant or spindle of a GRBL board; drive (Leadshine); rts:PORT or dtr:PORT of a serial adapter"
         ),
     )
     width_s: float = Field(0.01, ge=0.001, le=1, description="width of the pulse, in s")
     inverted: bool = Field(
         False,
         description=(
-            "with output = rts:PORT or dtr:PORT: release the line for a pulse, so that an adapter whose pins are "
-            "active-low (TTL) goes high"
+            "whether RTS or DTR is released for a pulse, so that a TTL adapter, which is active-low, goes high"
         ),
     )
     drive: Literal["x", "z"] = Field("z", description="with output = drive: axis of the drive that makes the pulse")
