@@ -91,9 +91,7 @@ def test_the_line_is_at_rest_from_the_opening_of_its_port_and_after_every_ending
 
 def test_the_port_of_the_line_has_one_owner() -> None:
     with sync_line(_settings(), BENCH):
-        owner = port_owner(LOOP)
-        assert owner is not None
-        assert owner.pid == os.getpid()
+        assert port_owner(LOOP) is not None
         with raises(NotOwnedError, "in_use", port=LOOP):
             AdapterOutput(_settings(), WallClock())
 
