@@ -8,7 +8,7 @@ import datetime
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -73,6 +73,22 @@ def _spelled(character: str) -> str:
             "not a character format; give data bits, parity and stop bits, such as 8N1 or 7E1", "no_character"
         )
     return character
+
+
+_LINE_OF_ADAPTER = re.compile(r"(rts|dtr):(.+)")
+
+
+def _an_output(output: str) -> str:
+    found = _LINE_OF_ADAPTER.fullmatch(output)
+    if found is None and output not in ("off", "coolant", "spindle", "drive"):
+        raise RuleError("must be off, coolant, spindle, drive, rts:PORT or dtr:PORT", "no_such_output")
+    if found is not None and _addressed(found[2]).startswith(("tcp://", "udp://", "socket://")):
+        raise RuleError(
+            f"{found[2]} has no {found[1].upper()} line; use the port of a serial adapter, such as "
+            f"{found[1]}:/dev/ttyUSB1",
+            "no_adapter",
+        )
+    return output
 
 
 Character = Annotated[str, AfterValidator(_spelled)]
@@ -696,19 +712,35 @@ class ForceSettings(DeviceSettings):
     laumas: LaumasSettings = LaumasSettings()
 
 
+class AdapterLine(NamedTuple):
+    """Line of a serial adapter, RTS or DTR, and the port of the adapter."""
+
+    name: Literal["rts", "dtr"]
+    port: str
+
+    def __str__(self) -> str:
+        return f"{self.name.upper()} of {self.port}"
+
+
 class SyncSettings(Settings):
-    """Settings of the pulse for the recording amplifier at contact, hold start and hold end; off by default.
+    """Settings of the pulse for the recording amplifier at contact, ramp and hold; off by default.
 
     The register and the words that switch a drive's output depend on the drive: they have no default.
     """
 
-    output: Literal["off", "coolant", "spindle", "drive"] = Field(
+    output: Annotated[str, AfterValidator(_an_output)] = Field(
         "off",
         description=(
-            "output for the pulse: coolant (M8/M9) or spindle (M3/M5) of a GRBL board, or drive (a Leadshine output)"
+            "off; coolant or spindle of a GRBL board; drive (Leadshine); rts:PORT or dtr:PORT of a serial adapter"
         ),
     )
     width_s: float = Field(0.01, ge=0.001, le=1, description="width of the pulse, in s")
+    inverted: bool = Field(
+        False,
+        description=(
+            "whether RTS or DTR is released for a pulse, so that a TTL adapter, which is active-low, goes high"
+        ),
+    )
     drive: Literal["x", "z"] = Field("z", description="with output = drive: axis of the drive that makes the pulse")
     register_address: int | None = Field(
         None,
@@ -731,6 +763,17 @@ class SyncSettings(Settings):
         le=0xFFFF,
         description="with output = drive: word that switches the output off, from the drive's manual",
     )
+
+    @property
+    def adapter(self) -> AdapterLine | None:
+        """Line of a serial adapter, or None for an output of the stage."""
+        found = _LINE_OF_ADAPTER.fullmatch(self.output)
+        return None if found is None else AdapterLine("rts" if found[1] == "rts" else "dtr", found[2])
+
+    @property
+    def name(self) -> str:
+        """Name of the output in sentences."""
+        return str(self.adapter or self.output)
 
     @property
     def words(self) -> tuple[int, int, int] | None:

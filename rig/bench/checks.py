@@ -14,6 +14,7 @@ from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
+from rig.devices.sync_line import AdapterOutput
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact, contact_at
 from rig.engine.contact_words import ContactJson
@@ -83,6 +84,14 @@ def _problems(config: Config) -> Iterator[BadInputError]:
             yield BadInputError(
                 f"stage.port and force.port are both {port}; give each device its own port", "same_port"
             )
+    adapter = config.sync.adapter
+    for device, ports in (("stage", stage_ports(config.stage)), ("force", (force,))):
+        if adapter is not None and any(_same_port(adapter.port, port) for port in ports):
+            yield BadInputError(
+                f"sync.output: {adapter.port} is {device}.port, whose lines belong to that device; use an adapter of "
+                "its own",
+                "same_port",
+            )
     try:
         refuse_place(0.0, 0.0, config)
     except BadInputError as error:
@@ -93,6 +102,18 @@ def _problems(config: Config) -> Iterator[BadInputError]:
             f"frame.apex_z_mm = {apex_mm:g} mm is outside the stage's travel, {lowest_mm:g} … 0 mm",
             "apex_outside_travel",
         )
+
+
+def sync_problems(config: Config) -> list[str]:
+    """Return why the adapter of the sync line cannot be used, in one line; its line is put at rest."""
+    adapter = config.sync.adapter
+    if adapter is None or port_owner(adapter.port) is not None:
+        return []
+    try:
+        with closing(AdapterOutput(config.sync, WallClock())):
+            return []
+    except TransportError as error:
+        return [str(error)]
 
 
 def _same_port(one: str, other: str) -> bool:

@@ -200,7 +200,8 @@ def with_stand_ins(config: Config) -> Config:
     """Replace devices without a virtual twin by the default types, for a rehearsal."""
     stage = None if kind_of(config.stage).twin else DEFAULTS["stage"]
     force = None if kind_of(config.force).twin else DEFAULTS["force"]
-    sync = config.sync if stage is None else SyncSettings()  # Its outputs differ.
+    kept = stage is None or config.sync.adapter is not None
+    sync = config.sync if kept else SyncSettings()  # The outputs of stages differ.
     return with_kinds(config, stage, force).model_copy(update={"sync": sync})
 
 

@@ -12,7 +12,7 @@ from rig.cli.output import NotConfirmedError, busy, err, writes_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import refuse_full_disk
-from rig.devices.registry import stage_ports
+from rig.devices.registry import bench_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.session.early_ending import Ending
@@ -61,7 +61,7 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
     refuse_expired(config)
     refuse_bench(config)
     out.mkdir(parents=True, exist_ok=True)
-    for port in (*stage_ports(config.stage), config.force.port):
+    for port in bench_ports(config):
         refuse_missing(port)
     if not (yes or _is_interactive()):
         raise BadInputError(

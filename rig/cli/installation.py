@@ -23,6 +23,7 @@ from rig.bench.checks import (
     expired_calibrations,
     in_one_line,
     look_and_contact,
+    sync_problems,
     today,
 )
 from rig.cli import device_catalogue
@@ -133,6 +134,8 @@ class ConfiguredDevicesJson(Output):
 
     stage: ConfiguredJson
     force: ConfiguredJson
+    sync: NotRequired[Name]
+    """Output for the pulses of the recording amplifier."""
 
 
 class CalibrationOnRecordJson(Output):
@@ -384,7 +387,9 @@ def _examine(config: Path | None) -> DoctorJson:
         bench, left = look_and_contact(settings, closely=True), left_on_record(Path("runs"), settings)
         devices = {"stage": bench["stage"], "force": bench["force"]}
         silent = [f"{name}: {one['problem_text']}" for name, one in devices.items() if "problem_text" in one]
-        found["problems_text"] = [*broken, *bench_problems(settings), *expired_calibrations(settings), *silent]
+        found["problems_text"] = [
+            *broken, *bench_problems(settings), *expired_calibrations(settings), *silent, *sync_problems(settings),
+        ]  # fmt: skip
         found["stage"], found["force"], found["contact"] = bench["stage"], bench["force"], bench["contact"]
         found["calibrated"] = _calibrations(settings)
         found["last_run_text"] = left or "no run on record left the indentor at the finger"
@@ -413,7 +418,8 @@ def _lines(found: DoctorJson) -> dict[str, str]:
         "configured": ", ".join(
             f"{room} {one['kind']} on {as_words(one['ports'])}"
             for room, one in (("stage", found["configured"]["stage"]), ("force", found["configured"]["force"]))
-        ),
+        )
+        + (f", pulses on {found['configured']['sync']}" if "sync" in found["configured"] else ""),
         "devices": ", ".join(f"{kind.room} {' '.join(_named_kinds(found, kind.room))}" for kind in registry.KINDS),
         "limits": in_one_line(found["limits"]),
         "cache": f"{cache['folder']}, {cache['models']} models, {cache['answers']} answers, "
@@ -456,6 +462,16 @@ def _calibrations(settings: Config) -> list[CalibrationOnRecordJson]:
     ]
 
 
+def _configured(settings: Config) -> ConfiguredDevicesJson:
+    found: ConfiguredDevicesJson = {
+        "stage": {"kind": settings.stage.kind, "ports": list(registry.stage_ports(settings.stage))},
+        "force": {"kind": settings.force.kind, "ports": [settings.force.port]},
+    }
+    if settings.sync.output != "off":
+        found["sync"] = settings.sync.output
+    return found
+
+
 def _installation(settings: Config) -> DoctorJson:
     folder = cache_dir()
     stored = {kind: list(folder.glob(f"*.{kind}")) for kind in KINDS}
@@ -467,10 +483,7 @@ def _installation(settings: Config) -> DoctorJson:
         "cores": os.cpu_count(),
         "versions": [{"package": name, "version": version(name)} for name in _PACKAGES],
         "ports": [{"port": port.device, "description_text": port.description} for port in list_ports.comports()],
-        "configured": {
-            "stage": {"kind": settings.stage.kind, "ports": list(registry.stage_ports(settings.stage))},
-            "force": {"kind": settings.force.kind, "ports": [settings.force.port]},
-        },
+        "configured": _configured(settings),
         "devices": device_catalogue.kinds(),
         "limits": settings.limits.model_dump(),
         "cache": {

@@ -36,6 +36,7 @@ OUTPUTS = {
     "zero": "rig.cli.bench:ZeroedJson",
     "status": "rig.bench.checks:StatusJson",
     "stop": "rig.cli.stop:StoppedJson rig.cli.stop:NotStoppedJson",
+    "pulse": "rig.cli.pulse:SentPulsesJson",
     "jog": "rig.cli.jog:JoggedJson",
     "calibrate": "rig.cli.calibrate:CalibrationJson",
     "bench": "rig.cli.installation:BenchmarkJson",

@@ -68,6 +68,7 @@ COMMANDS = {
     "zero": Command("bench.zero", "Zero the force sensor.", "Bench"),
     "status": Command("bench.status", "Print the stage position and the sensor reading.", "Bench"),
     "stop": Command("stop.stop_command", "Stop the stage now, whichever program moves it.", "Bench"),
+    "pulse": Command("pulse.pulse_command", "Send test pulses to the recording amplifier.", "Bench"),
     "jog": Command("jog.command", "Move an axis by keys or by a distance.", "Bench"),
     "by-hand": Command(
         "panel.owning_command",

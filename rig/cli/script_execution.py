@@ -42,7 +42,7 @@ from rig.data.journal import Watch
 from rig.data.planned_presses import pressed_otherwise
 from rig.data.run_state import Course, TimeLeft
 from rig.data.tables import motions_in_contact
-from rig.devices.registry import stage_ports
+from rig.devices.registry import bench_ports
 from rig.engine import EngineError, RunAborted
 from rig.engine.bench import Meanwhile
 from rig.errors import BadInputError, RigError
@@ -234,7 +234,7 @@ def owning(
         pid=os.getpid(),
         kind="run",
         virtual=virtual,
-        ports=() if virtual else (*stage_ports(config.stage), config.force.port),
+        ports=() if virtual else bench_ports(config),
         out=str(out.resolve()),
         protocol=run.script.name,
         config=None if config_file is None else str(config_file.resolve()),

@@ -140,6 +140,8 @@ def serve_command(request: ServeRequest) -> None:
         print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
         if sys.stderr.isatty():
             err.print("\n".join(["in rig.toml:", *_tables(bench)]))
+            if settings.sync.adapter is not None:
+                err.print(f'no {settings.sync.adapter} is served: use sync.output = "off" with these ports')
         with resting():
             bench.run()
         if bench.statistics is not None:

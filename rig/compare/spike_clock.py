@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.recordings.recording import FromSpikes, Recording
-from rig.compare.recordings.spike_times import ClockSource, joined
+from rig.compare.recordings.spike_times import ClockSource, UnpairedPulses, joined
 from rig.compare.verdict import AfferentVerdict, six_digits
 from rig.errors import RigError
 from rig_shared.outputs import File, Name, Output, Ratio, Shape
@@ -21,6 +21,24 @@ SHIFTS_S = (0.02, 0.1, 0.5, 2.0)
 """Shifts of a clock that are tried, later and earlier."""
 
 
+class MissingPulseJson(Output):
+    """A pulse of the run that is not in the file: its press, and the event that it marks."""
+
+    press: int
+    at: Name
+
+
+class UnpairedPulsesJson(Output):
+    """Pulses of the run and of the file that have no partner within the tolerance."""
+
+    tolerance_s: float
+    missing: list[MissingPulseJson]
+    presses: list[int]
+    """Finished presses without any pulse in the file."""
+    others_s: list[float]
+    """Pulses of the file that the run did not send, in s since its start."""
+
+
 class ClockJson(Output):
     """Clock of the spike times; drift and the worst pulse are null without pulses."""
 
@@ -29,6 +47,10 @@ class ClockJson(Output):
     worst_ms: float | None
     at_start_s: float | None
     """Time of the file at the start of the run."""
+    known_ms: float | None
+    """Largest uncertainty of a rise in the journal, either way."""
+    unpaired: UnpairedPulsesJson | None
+    """Null without pulses, or in a run whose pulses do not name their presses."""
     clock_text: str
 
 
@@ -227,6 +249,15 @@ def _rounded(value: float) -> float:
     return float(f"{value:.6g}")
 
 
+def _unpaired_as_json(found: UnpairedPulses) -> UnpairedPulsesJson:
+    return {
+        "tolerance_s": found.tolerance_s,
+        "missing": [{"press": press, "at": at} for press, at in found.missing],
+        "presses": list(found.presses),
+        "others_s": [round(one, 6) for one in found.others_s],
+    }
+
+
 def _clock_as_json(spikes: FromSpikes) -> ClockJson:
     clock = spikes.clock
     return {
@@ -234,5 +265,7 @@ def _clock_as_json(spikes: FromSpikes) -> ClockJson:
         "drift_ppm": six_digits(clock.drift_ppm),
         "worst_ms": six_digits(clock.worst_ms),
         "at_start_s": six_digits(clock.at_start_s),
+        "known_ms": six_digits(clock.known_ms),
+        "unpaired": None if clock.unpaired is None else _unpaired_as_json(clock.unpaired),
         "clock_text": " ".join([clock.text, *spikes.notes]),
     }

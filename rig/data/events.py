@@ -182,7 +182,7 @@ class SyncEvent(PressEvent):
     """A pulse for the recording amplifier."""
 
     index: Index
-    at: Annotated[str, "event that the pulse marks: touch, hold_start or hold_end"]
+    at: Annotated[str, "event that the pulse marks: touch, ramp, hold_start or hold_end"]
     rise_s: Annotated[float, "time since the start of the run when the device had confirmed the rise"]
     uncertainty_s: Annotated[float, "uncertainty of the rise: it may have been earlier by as much"]
     width_s: Annotated[float, "duration of the pulse"]

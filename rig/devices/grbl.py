@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from types import MappingProxyType
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -92,7 +92,7 @@ class GrblStage(Stage):
         *,
         expected: Mapping[int, float] = MappingProxyType({INCHES: 0}),
         bounds: StageBounds | None = None,
-        output: Literal["off", "coolant", "spindle"] = "off",
+        output: str = "off",
         backlash_mm: Xyz = (0.0, 0.0, 0.0),
     ) -> None:
         self._transport = transport
@@ -495,7 +495,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         clock,
         expected=expected_settings(settings),
         bounds=settings.bounds,
-        output="off" if settings.sync.output == "drive" else settings.sync.output,
+        output=settings.sync.output if settings.sync.output in OUTPUT_WORDS else "off",
         backlash_mm=(x, y, z),
     )
 

@@ -314,6 +314,12 @@ def stage_ports(stage: StageSettings) -> tuple[str, ...]:
     return find(StageKind, stage.kind).ports(stage)
 
 
+def bench_ports(settings: BenchSettings) -> tuple[str, ...]:
+    """Return every port that a run opens: of the stage, the force sensor, and the adapter of the sync line."""
+    adapter = settings.sync.adapter
+    return (*stage_ports(settings.stage), settings.force.port, *([] if adapter is None else [adapter.port]))
+
+
 def moves_along(stage: StageSettings) -> bool:
     """Return whether the stage has an axis along the finger."""
     return "y" in find(StageKind, stage.kind).axes
@@ -396,8 +402,8 @@ class KnownBench(BenchSettings):
 
     @model_validator(mode="after")
     def _output_there(self) -> Self:
-        allowed = find(StageKind, self.stage.kind).outputs
-        if self.sync.output not in allowed:
+        allowed = (*find(StageKind, self.stage.kind).outputs, "rts:PORT", "dtr:PORT")
+        if self.sync.adapter is None and self.sync.output not in allowed[:-2]:
             raise RuleError(
                 f"sync.output: {self.sync.output!r} is not available on a {self.stage.kind} stage; allowed: "
                 f"{either(allowed)}",
@@ -409,6 +415,8 @@ class KnownBench(BenchSettings):
                 "the drive",
                 "incomplete_sync",
             )
+        if self.sync.inverted and self.sync.adapter is None:
+            raise RuleError("sync.inverted: allowed only with output = 'rts:PORT' or 'dtr:PORT'", "not_inverted")
         return self
 
     @model_validator(mode="after")

@@ -7,6 +7,7 @@ from rig.devices.base import ForceReading
 from rig.engine.engine import Engine
 from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, RampBound, late_reading_s, reading_delay_s
 from rig.engine.motion import PRINTED_MM, InterruptedMotionError, Outcome
+from rig.engine.sync_pulse import pulse
 from rig.engine.verbs import safe_point
 from rig.errors import LateReading, LimitError, TripError
 from rig.records import ContactFit, Phase, PressId
@@ -133,6 +134,7 @@ class ContactMoves:
             stop_mm=round(bound.stop_mm, 6),
         )
         engine.record(start, self.id)
+        pulse(engine, self.id, "ramp")
         self.peak_gwt, self.ramp_from = 0.0, (0.0, engine.clock.monotonic_s())
         unread_s = late_reading_s(engine.settings)
         unread_mm = speed_mm_s * unread_s + self.smallest_mm + PRINTED_MM

@@ -12,6 +12,7 @@ from rig.clock import real_s
 from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
+from rig.devices.sync_line import StageOutput, SyncLine
 from rig.engine.bench import Bench, EngineMemory, NoMemory
 from rig.engine.contact import ContactRecord, KnownContact, contact_kind
 from rig.engine.limits import (
@@ -91,11 +92,13 @@ class Engine:
         memory: EngineMemory | None = None,
         stop_inputs: StopInputs = no_stop_inputs,
         sensing: Sensing | None = None,
+        sync_line: SyncLine | None = None,
         first_reference_gwt: Sequence[float] | None = None,
     ) -> None:
         """Begin with what the earlier parts of a run left: contact time (s) and forces of the first reference press.
 
-        stiffness: as predicted. memory: keeps contact and zero for the next command.
+        stiffness: as predicted. memory: keeps contact and zero for the next command. sync_line: by default the
+        configured output of the stage, if any.
         """
         self.settings, self.bench, self.clock = settings, bench, bench.clock
         self.stiffness = stiffness or FingerStiffness.unknown()
@@ -111,6 +114,8 @@ class Engine:
         self.sensing = sensing or Sensing(settings, bench.clock, bench.force)
         self.motion = Motion(settings, bench.stage, bench.clock)
         self.touched = Touched(settings)
+        of_stage = settings.sync.output != "off" and settings.sync.adapter is None
+        self.sync_line = sync_line or (StageOutput(bench.stage, bench.clock) if of_stage else None)
         self.contact_time = ContactTime(bench.clock, settings.limits, contact_s)
         self.heartbeat = Heartbeat(bench.clock, self._stop_stage)
         self._suspended_s = self.clock.suspended_s()

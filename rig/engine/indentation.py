@@ -12,7 +12,8 @@ from rig.engine.contact_fit import fit_contact
 from rig.engine.contact_moves import pull_in_descent
 from rig.engine.engine import Engine
 from rig.engine.limits import AT_MM, CONTACT_EXPONENT, RampBound, TouchedPlace, refuse_no_ramps
-from rig.engine.press import Press, pulse
+from rig.engine.press import Press
+from rig.engine.sync_pulse import pulse
 from rig.engine.verbs import retract, safe_point, unpaused, wait_at_clearance
 from rig.errors import LateReading, LimitError, NotReadyError, TripError
 from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target

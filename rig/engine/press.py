@@ -1,14 +1,15 @@
-"""Reach a depth or a force past the skin and hold it, by moves in contact; pulse the sync output."""
+"""Reach a depth or a force past the skin and hold it, by moves in contact."""
 
 import math
 import statistics
 from collections import deque
 from itertools import pairwise
 
-from rig.data.events import HoldEndEvent, HoldStartEvent, SyncEvent
+from rig.data.events import HoldEndEvent, HoldStartEvent
 from rig.engine.contact_moves import ContactMoves
 from rig.engine.engine import Engine
 from rig.engine.limits import RampBound
+from rig.engine.sync_pulse import pulse
 from rig.engine.verbs import safe_point
 from rig.errors import LimitError
 from rig.records import ContactFit, Hold, PressId, Target, force_tolerance_gwt
@@ -20,24 +21,6 @@ _MOST_AVERAGED = 25
 _HIGHEST_AIM = 1.02  # Share of the target in a hold; with noise the force must stay below 1.05.
 # Share of its force that tissue keeps in a hold; it responds to a fast move as if it still had all of it.
 _RELAXED_TO = 0.6
-
-
-def pulse(engine: Engine, press: PressId, at: str) -> None:
-    """Pulse the sync output, if configured, for presses that are data.
-
-    The journal gets rise_s, when the device had confirmed the rise, and uncertainty_s, by how much earlier it may be.
-    """
-    sync, clock, stage = engine.settings.sync, engine.clock, engine.bench.stage
-    if sync.output == "off" or press.purpose != "data":
-        return
-    requested_s = clock.monotonic_s()
-    engine.guarded(lambda: stage.set_output(True))
-    rise_s = clock.monotonic_s()
-    clock.wait_s(sync.width_s)
-    engine.guarded(lambda: stage.set_output(False))
-    width_s = clock.monotonic_s() - rise_s
-    run_s, uncertainty_s = round(clock.run_s(rise_s), 6), round(rise_s - requested_s, 6)
-    engine.record(SyncEvent(press.index, at, run_s, uncertainty_s, round(width_s, 6)), press)
 
 
 class Press(ContactMoves):

@@ -267,9 +267,17 @@ class Page:
             "trips": f"soft {in_both_units(self._soft_trip_n)}, hard {in_both_units(config.limits.hard_trip_n)}",
             **self.speed,
             **self._ramps,
+            **self._pulses,
             "first": self._first,
             "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
+
+    @property
+    def _pulses(self) -> Lines:
+        sync = self.session.config.sync
+        if sync.output == "off":
+            return {}
+        return {"pulses": f"{sync.name}, {1000 * sync.width_s:g} ms each, for every press that is data"}
 
     @property
     def speed(self) -> Lines:

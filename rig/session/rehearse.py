@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
+from rig.bench.sync_line import sync_line
 from rig.bench.virtual import bench_around, with_stand_ins
 from rig.data import Run
 from rig.data.run_state import Course, Timeline
@@ -132,7 +133,8 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     bench = bench_around(make_plant, settings, clock, io.StringIO())
     timeline = Timeline(clock.monotonic_s)
     stiffness = FingerStiffness.of(plan.all_presses)
-    engine = Engine(settings, bench, timeline, plan.soft_trip_n, stiffness=stiffness)
+    with sync_line(settings.sync, bench) as line:
+        engine = Engine(settings, bench, timeline, plan.soft_trip_n, stiffness=stiffness, sync_line=line)
     where = (
         partial(with_file_beside, script.path.parent)
         if before is None

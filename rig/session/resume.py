@@ -82,7 +82,10 @@ def with_ports(stopped: StoppedRun, path: Path) -> StoppedRun:
     """
     entry = find(StageKind, stopped.config.stage.kind)
     ports = {"stage.port", "force.port", *(f"stage.{entry.place}.{key}" for key in entry.further_ports)}
-    own, given = (dict(_flat(one.model_dump(mode="json"))) for one in (stopped.config, load_config(path)))
+    new = load_config(path)
+    if stopped.config.sync.adapter is not None and new.sync.adapter is not None:
+        ports.add("sync.output")
+    own, given = (dict(_flat(one.model_dump(mode="json"))) for one in (stopped.config, new))
     others = sorted(key for key in own.keys() | given.keys() if own.get(key) != given.get(key) and key not in ports)
     if others:
         key = others[0]

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from rig.bench.checks import refuse_expired
 from rig.bench.real import Request, open_bench, refuse_silent_sensor
+from rig.bench.sync_line import sync_line
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
 from rig.control.owned_stage import OwnedStage
@@ -304,14 +305,14 @@ def _on_a_bench(
         bench = open_bench(byte_log)
         begun_s = bench.clock.monotonic_s()
         watch = byte_log.checked_before(_counted(done, _paced(session, bench.clock, speed)))
-        with closing(bench):
+        with closing(bench), sync_line(session.config.sync, bench) as line:
             refuse_stop_inputs(session.config, bench)
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
             stiffness = FingerStiffness.of(session.plan.all_presses)
             engine = Engine(
                 session.config, bench, journal, session.plan.soft_trip_n, contact_s, stiffness,
-                memory=bench, stop_inputs=stop_inputs_of(session.config, session.button),
+                memory=bench, stop_inputs=stop_inputs_of(session.config, session.button), sync_line=line,
                 first_reference_gwt=None if before is None else first_reference_gwt(before),
             )  # fmt: skip
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}

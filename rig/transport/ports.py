@@ -8,7 +8,7 @@ import socket
 import threading
 from collections import deque
 from contextlib import suppress
-from typing import Any
+from typing import Any, Literal
 
 import serial
 
@@ -25,15 +25,16 @@ from rig.transport.ownership import (
 from rig.transport.wire import Transport, TransportError
 
 WRITE_TIMEOUT_S = 1.0
+ModemLine = Literal["rts", "dtr"]
 
 
 class SerialTransport:
     """Transport over pyserial.
 
     port: device or pyserial URL such as rfc2217://host:port. character: data bits, parity, stop bits. Opening
-    raises DTR, which resets many GRBL boards, or keeps it low. owned: False for a stop, which is sent even if
-    another process owns the port. Raises TransportError if the port is missing or not permitted; NotOwnedError if
-    it is owned.
+    raises DTR, which resets many GRBL boards, and RTS, or keeps them low. owned: False for a stop, which is sent
+    even if another process owns the port. Raises TransportError if the port is missing or not permitted;
+    NotOwnedError if it is owned.
     """
 
     def __init__(
@@ -44,11 +45,12 @@ class SerialTransport:
         name: str | None = None,
         character: str = EIGHT_N_ONE,
         dtr: bool = True,
+        rts: bool = True,
         owned: bool = True,
     ) -> None:
         self.name = name or port
         self._port = port
-        self._serial = _made(port, baud, character, dtr=dtr, exclusive=owned)
+        self._serial = _made(port, baud, character, dtr=dtr, rts=rts, exclusive=owned)
         device = str(self._serial.port)  # The device behind a URL such as spy:// or hwgrep://.
         self._ownership = PortOwnership(device) if owned else None
         try:
@@ -77,6 +79,22 @@ class SerialTransport:
             # pyserial raises TypeError when another thread closes the port during a read.
             raise TransportError(f"cannot read from port {self._port}: {problem}", "not_read") from problem
 
+    def set_line(self, line: ModemLine, *, level: bool) -> None:
+        """Raise or lower RTS or DTR, and return when the system confirms it. Raises TransportError."""
+        try:
+            setattr(self._serial, line, level)
+        except (serial.SerialException, OSError, TypeError) as problem:
+            raise TransportError(
+                f"cannot set {line.upper()} of port {self._port}: {problem}", "not_written"
+            ) from problem
+
+    def input_of(self, line: ModemLine) -> bool:
+        """Return the level of the input that a loop-back joins with a line: CTS of RTS, DSR of DTR."""
+        try:
+            return bool(self._serial.cts if line == "rts" else self._serial.dsr)
+        except (serial.SerialException, OSError, TypeError) as problem:
+            raise TransportError(f"cannot read inputs of port {self._port}: {problem}", "not_read") from problem
+
     def close(self) -> None:
         self._serial.close()
         self._let_go()
@@ -86,7 +104,7 @@ class SerialTransport:
             self._ownership.release()
 
 
-def _made(port: str, baud: int, character: str, *, dtr: bool, exclusive: bool) -> Any:
+def _made(port: str, baud: int, character: str, *, dtr: bool, rts: bool, exclusive: bool) -> Any:
     """Create the serial object without opening it, since opening may reset the board."""
     try:
         wire = serial.serial_for_url(
@@ -100,7 +118,7 @@ def _made(port: str, baud: int, character: str, *, dtr: bool, exclusive: bool) -
             write_timeout=WRITE_TIMEOUT_S,
             exclusive=exclusive or None,
         )
-        wire.dtr = dtr
+        wire.dtr, wire.rts = dtr, rts
         return wire
     except (serial.SerialException, OSError, ValueError) as problem:
         raise _not_opened(port, problem) from problem

@@ -49,6 +49,7 @@ CANNOT = {
     "rig/test_stopping_needs_nothing.py::test_a_stop_finds_the_owner_under_every_name_of_the_port": _SIGNALS,
     "rig/test_stop_matrix.py": _PTYS,
     "rig/test_stopping_needs_nothing.py::test_only_an_owner_of_this_account_is_signalled": _SIGNALS,
+    "rig/test_sync_line.py::test_a_port_without_the_line_is_refused_before_a_motion": _PTYS,
     "rig/test_transport.py::test_opening_a_missing_port_is_refused_by_name[refuse_missing]": _NO_LOOK,
     "rig/test_transport.py::test_a_serial_port_has_one_owner": _UNNAMED,
     "rig/test_transport.py::test_a_tcp_port_sends_and_receives_and_has_one_owner": _UNNAMED,

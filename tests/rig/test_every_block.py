@@ -73,6 +73,8 @@ NOT_RUN = {
     "rig run steps --config rig.toml --subject S07": HARDWARE,
     "rig resume RUN": "tests/rig/test_resume.py",
     "rig run first_press --config rig.toml": HARDWARE,
+    "rig pulse --config rig.toml": "tests/rig/test_sync_line.py",
+    "rig pulse --config rig.toml --loopback": "tests/rig/test_sync_line.py",
     "rig jog --config rig.toml": HARDWARE,
     "rig jog --config rig.toml --axis z --by-mm -5 --speed-mm-s 1": HARDWARE,
     "rig calibrate steps --config rig.toml --axis z --by-mm -20": HARDWARE,
@@ -133,6 +135,7 @@ NOT_RUN = {
     "21 indentations, 0:05:43 left": PRINTED,
     "design    28 presses in 10 minutes fail in 1.4 ± 0.7 % of experiments, and the best usual design, random "
     "presses, in 1.1 ± 0.6 %, so this simulation shows no gain from the choice of presses.": PRINTED,
+    "pulse  requested (s)  confirmed (s)  uncertainty (ms)  width (ms)  input (ms)": PRINTED,
     "3 indentations, 102 s of bench time in 2.6 s": PRINTED,
     "skin     99 points": PRINTED,
     "press 1 of at most 8: flat:3 at +1.2 mm to 0.30 mm, trips at 8.8 gwt …": PRINTED,

@@ -25,8 +25,8 @@ from rig.engine import (
 )
 from rig.engine.engine import State
 from rig.engine.indentation import touch_place
-from rig.engine.press import pulse
 from rig.engine.reference import compare_reference, measure_compliance
+from rig.engine.sync_pulse import pulse
 from rig.records import Purpose
 from rig.settings import RigSettings
 from rig.units import GWT_N

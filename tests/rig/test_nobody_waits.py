@@ -69,6 +69,7 @@ WALK = {
     "zero": Walked("--config rig.toml", "rig.cli.bench.open_bench"),
     "status": Walked("--config rig.toml", "rig.cli.bench.look_and_contact"),
     "stop": Walked("--config rig.toml", "rig.cli.stop.OutsideStop", own=False),
+    "pulse": Walked("--config rig.toml", "rig.cli.pulse._opened"),
     "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.manual_session"),
     "by-hand": Walked("--config rig.toml", "rig.cli.panel.ManualLog", own=False),
     "calibrate": Walked("force --config rig.toml --mass-g 5", "rig.cli.calibrate.open_force", own=False),
@@ -91,6 +92,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in {"mine.py": SCRIPT, "study.toml": STUDY, "stage": "", "force": ""}.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    ports += "[sync]\noutput = 'coolant'\n"
     (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
     shutil.copytree(OLD_RUNS / "complete", tmp_path / "run")
     monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)

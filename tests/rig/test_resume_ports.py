@@ -24,6 +24,7 @@ def run(rig):
 """
 STANDA = {
     "frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0},
+    "sync": {"output": "rts:/dev/ttyA2"},
     "stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}},
 }
 
@@ -57,6 +58,7 @@ PORTS = {
     "stage": 'port = "/dev/ttyA0"',
     "second axis": 'x_port = "/dev/ttyA1"',
     "force": 'port = "/dev/ttyUSB1"',
+    "sync line": 'output = "rts:/dev/ttyA2"',
 }
 
 
@@ -72,6 +74,7 @@ def test_a_run_resumes_with_another_port(program: Program, stopped: Path, tmp_pa
 
 
 OTHERS = {
+    "sync.output": ('output = "rts:/dev/ttyA2"', 'output = "off"'),
     "limits.max_doi_mm": ("max_doi_mm = 1.5", "max_doi_mm = 1.2"),
     "habits.press_speed_mm_s": ("press_speed_mm_s = 1.0", "press_speed_mm_s = 0.4"),
     "force.kind": ('kind = "mtsics"', 'kind = "laumas"'),

@@ -1,7 +1,7 @@
 """Spikes of a file, and the times at which it was observed, on the clock of the run."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,12 @@ def on_the_runs_clock(found: UnitSpikes, run: Run) -> SpikeTimes:
     """Return the spikes in s since the start of the run, and when the unit was observed. Raises RecordingError."""
     made = sorted(run.stream("sync"), key=lambda event: float(event["rise_s"]))
     rise_s = np.array([event["rise_s"] for event in made], dtype=float)
+    half_s = np.array([event.get("uncertainty_s") or 0.0 for event in made], dtype=float) / 2
     pulsed = len(found.pulse_s) > 0
-    fit = fitted_clock(found.path, found.pulse_s, rise_s, width_s(run)) if pulsed else _without_pulses(found, made)
+    if pulsed:
+        fit = fitted_clock(found.path, found.pulse_s, rise_s, width_s(run), half_s)
+    else:
+        fit = _without_pulses(found, made)
     spike_s, observed_s = fit.run_s(found.spike_s), fit.run_s(found.observed_s)
     found = found.noted(*(check(found, spike_s, run.end_s) for check in RUN_CHECKS))
     holds_s = _holds(run)
@@ -67,7 +71,7 @@ def on_the_runs_clock(found: UnitSpikes, run: Run) -> SpikeTimes:
         spike_s,
         without(observed_s, np.concatenate(gaps)),
         (float(every_s.min()) if beyond.before else -np.inf, float(every_s.max()) if beyond.after else np.inf),
-        fit.clock,
+        _with_unpaired(fit, made, run) if pulsed else fit.clock,
         found.noted(_MORE_THAN_PULSES * stated, *contradicted).notes,
         found.read_as,
     )
@@ -81,6 +85,29 @@ def width_s(run: Run) -> float:
     """Return the width of the run's pulses, NaN if its journal does not state it."""
     widths = [float(event["width_s"]) for event in run.stream("sync") if event.get("width_s") is not None]
     return float(np.median(widths)) if widths else np.nan
+
+
+def _with_unpaired(fit: ClockFit, made: Sequence[Mapping[str, Any]], run: Run) -> SpikeClock:
+    """Return the clock with a sentence on the presses and the pulses that have no partner."""
+    unpaired = fit.unpaired(made, run.done.keys())
+    if unpaired is None:
+        return fit.clock
+    within = f"within {1000 * unpaired.tolerance_s:g} ms"
+    partly = [f"{press} ({at})" for press, at in unpaired.missing if press not in unpaired.presses]
+    said = [
+        *([f"of {_few('press', partly)} a pulse is missing"] if partly else []),
+        *([f"{_few('press', unpaired.presses)} without any pulse"] if unpaired.presses else []),
+        *([f"pulses without a press at {_few('', [f'{t:.3f}' for t in unpaired.others_s])} s"]
+          if unpaired.others_s else []),
+    ]  # fmt: skip
+    text = f"In the file, {within}: {'; '.join(said)}." if said else f"Every press has its pulses, {within}."
+    return fit.clock._replace(text=f"{fit.clock.text} {text}", unpaired=unpaired)
+
+
+def _few(noun: str, each: Sequence[object]) -> str:
+    more = [f"{len(each) - _MOST_LISTED} more"] if len(each) > _MOST_LISTED else []
+    named = joined([*map(str, each[:_MOST_LISTED]), *more])
+    return f"{noun}{'' if len(each) == 1 else 'es'} {named}" if noun else named
 
 
 def _without_pulses(found: UnitSpikes, made: Sequence[object]) -> ClockFit:

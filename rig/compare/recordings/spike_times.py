@@ -18,12 +18,27 @@ _TICK_S = 1e-6
 ClockSource = Literal["pulses", "run", "stated", "assumed"]
 
 
+class UnpairedPulses(NamedTuple):
+    """Pulses of the run and of the file without a partner within the tolerance (s), and presses without any.
+
+    `missing` are the press and the event of each pulse of the run that is not in the file; `presses` are finished
+    presses of which the file has no pulse, or for which the run sent none; `others_s` are the file's other pulses, in
+    s since the start of the run.
+    """
+
+    tolerance_s: float
+    missing: tuple[tuple[int, str], ...]
+    presses: tuple[int, ...]
+    others_s: tuple[float, ...]
+
+
 class SpikeClock(NamedTuple):
     """Clock of the spike times, and why the program takes them for times of the run.
 
     `source`: "pulses" were matched; the file is on the clock of the "run", or is "stated" to be; "assumed": nothing
     in the file tells. `drift_ppm` and `worst_ms` describe the pulses, and `at_start_s` is the file's time at
-    the start of the run; NaN without pulses.
+    the start of the run; NaN without pulses. `unpaired` is None without pulses, or where they do not name presses.
+    `known_ms` is half the largest uncertainty of a rise in the journal, NaN if it states none.
     """
 
     source: ClockSource
@@ -31,6 +46,8 @@ class SpikeClock(NamedTuple):
     drift_ppm: float = np.nan
     worst_ms: float = np.nan
     at_start_s: float = np.nan
+    unpaired: UnpairedPulses | None = None
+    known_ms: float = np.nan
 
 
 THROUGHOUT = np.array([[-np.inf, np.inf]])

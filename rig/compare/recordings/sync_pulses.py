@@ -6,7 +6,7 @@ edges. The pulses are therefore matched by their times, and what has no partner 
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.spike_times import Array, SpikeClock, UnitSpikes, joined
+from rig.compare.recordings.spike_times import Array, SpikeClock, UnitSpikes, UnpairedPulses, joined
 from rig_shared.plural import number_of
 
 NO_PULSES = "none"
@@ -169,6 +169,19 @@ class ClockFit(NamedTuple):
                 (astray if other else paused).append((begin_s, end_s))
         return Gaps(*(np.array(some, dtype=float).reshape(-1, 2) for some in (paused, astray)))
 
+    def unpaired(self, made: Sequence[Mapping[str, Any]], done: Collection[int]) -> UnpairedPulses | None:
+        """Return the pulses without a partner, or None if those of the run do not name their presses.
+
+        `made` are the run's pulses, ascending, and `done` its finished presses.
+        """
+        if any("index" not in event for event in made):
+            return None
+        found = set(range(len(made)) if self.rises is None else self.rises.tolist())
+        missing = tuple((int(one["index"]), str(one.get("at"))) for n, one in enumerate(made) if n not in found)
+        heard = {int(made[n]["index"]) for n in found}
+        silent = tuple(index for index in sorted(done) if index not in heard)
+        return UnpairedPulses(TOLERANCE_S, missing, silent, tuple(np.sort(self.others_s).tolist()))
+
     def run_s(self, file_s: Array) -> Array:
         """Return times of the file in s since the start of the run."""
         if self.slope == 1.0 and self.offset_s == 0.0:
@@ -180,10 +193,13 @@ NONE_UNSEEN = np.empty(0), np.empty(0)
 ALL_UNSEEN = np.array([-np.inf]), np.array([np.inf])
 
 
-def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = math.nan) -> ClockFit:
+def fitted_clock(
+    path: Path, pulse_s: Array, rise_s: Array, width_s: float = math.nan, half_s: Array | float = 0.0
+) -> ClockFit:
     """Return the clock by which the pulses of a file (ascending, at least one) are those of the run.
 
-    `width_s` is that of the run's pulses: it tells the edges of a file that has both of each pulse.
+    `width_s` is that of the run's pulses: it tells the edges of a file that has both of each pulse. `half_s` is half
+    the uncertainty of each rise, which lies between its request and its confirmation at `rise_s`: its middle counts.
 
     Raises
     ------
@@ -193,6 +209,16 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
     if np.array_equal(pulse_s, rise_s):
         text = "Times are the run's: the pulses equal those of its journal."
         return ClockFit(1.0, 0.0, NONE_UNSEEN, SpikeClock("run", text, 0.0, 0.0, 0.0))
+    rise_s = np.asarray(rise_s - half_s)
+    fit = _fitted(path, pulse_s, rise_s, width_s)
+    known_ms = 1e3 * float(np.max(half_s, initial=0.0))
+    if not known_ms:
+        return fit
+    text = f"{fit.clock.text} The run knows its rises to ± {known_ms:.2g} ms."
+    return fit._replace(clock=fit.clock._replace(text=text, known_ms=known_ms))
+
+
+def _fitted(path: Path, pulse_s: Array, rise_s: Array, width_s: float) -> ClockFit:
     if len(pulse_s) == len(rise_s) == 1:
         at_start_s = float(pulse_s[0] - rise_s[0])
         text = (
