@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
-from rig.compare.recordings.deflection import FEWEST_POINTS, PROXIMAL_MM, downward_mm
+from rig.compare.recordings.deflection import PROXIMAL_MM, downward_mm
 from rig.compare.recordings.table import LEAVE_EMPTY, no_rows, read_table
-from rig.compare.recordings.totals import refuse_total_rows
+from rig.compare.recordings.totals import refuse_summary_rows
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
@@ -294,9 +294,7 @@ def read_deflections(path: Path) -> list[Deflection]:
         rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
-    refuse_total_rows(
-        found, ["deflection_mm", "z_mm"], np.array(rows)[:, [2, 1]], "point", "doi_mm", fewest=FEWEST_POINTS
-    )
+    refuse_summary_rows(found, "deflection_mm", ["z_mm"], "point", "doi_mm")
     downward_mm(path, found)
     table = np.array(sorted(rows))
     depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one depth

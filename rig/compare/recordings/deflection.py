@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.table import Row, column_list, no_rows, read_table
-from rig.compare.recordings.totals import refuse_total_rows
+from rig.compare.recordings.totals import refuse_summary_rows
 from rig_shared.outputs import Output
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
-
-FEWEST_POINTS = 5
-"""Points whose mean or sum another one does not have by chance."""
 
 _COLUMNS = ("x_mm", "z_mm")
 _CENTRE_MM, PROXIMAL_MM = 0.0, 0.0
@@ -51,10 +48,7 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
         for name, least in zip(_COLUMNS, (-np.inf, PROXIMAL_MM), strict=True)
     }
     down_mm = downward_mm(path, rows)
-    columns = ["deflection_mm", *given]
-    refuse_total_rows(
-        rows, columns, np.column_stack([down_mm, *(places[name] for name in given)]), "point", fewest=FEWEST_POINTS
-    )
+    refuse_summary_rows(rows, "deflection_mm", given, "point")
     return SkinDeflection(**places, deflection_mm=down_mm)
 
 
