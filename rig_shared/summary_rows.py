@@ -135,9 +135,13 @@ def _is_summed_up(values: Array, row: Array, places: Array, place: Array, word: 
         return None
     scale = np.maximum(high - low, np.abs(found)) if word == "sum" else high - low
     steps = float(np.prod(np.maximum(scale / (2 * within), 1.0)))
-    beyond = word == "sum" and bool(((row > high + within) | (row < low - within)).all())
-    is_sum = beyond and np.count_nonzero(np.nan_to_num(values)) >= _FEWEST_SUMMED
-    return is_sum or steps >= (_STEPS_BESIDE if _has_place(places, place, word) else _STEPS)
+    summands = np.count_nonzero(np.nan_to_num(values))
+    if word == "sum" and summands < FEWEST_OTHERS:  # as of a silent afferent
+        return None
+    beyond = ((row > high + within) | (row < low - within)).all()
+    if word == "sum" and beyond and summands >= _FEWEST_SUMMED:
+        return True
+    return steps >= (_STEPS_BESIDE if _has_place(places, place, word) else _STEPS)
 
 
 def _has_place(places: Array, place: Array, word: str) -> bool:

@@ -165,7 +165,9 @@ def test_labels_of_conditions_and_of_all_rows_are_no_summaries(labels: list[str]
     assert labeled_summary(labels) is None
 
 
-@pytest.mark.parametrize("column", [[5] * 9, [0] * 9, [20, 14], [1, 2, 3], [2, 3, 5], [0, 0, 5, 9, 5, 0, 0], [7]])
+@pytest.mark.parametrize(
+    "column", [[5] * 9, [0] * 9, [20, 14], [1, 2, 3], [2, 3, 5], [0, 0, 5, 9, 5, 0, 0], [7], [0] * 4 + [5, 5]]
+)
 def test_short_and_constant_columns_are_no_summaries(column: list[float]) -> None:
     assert summary_row(np.array(column, dtype=float)[:, None]) is None
 
