@@ -4,7 +4,7 @@ import csv
 import logging
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig_shared.number_text import read_number
+from rig_shared.summary_rows import labeled_summary, summary_row
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.errors import ArgumentError, SimError, has_unit, is_plain_number
 
@@ -133,79 +134,36 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
     numbered = tuple(
         (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, order, strict=True))) for n, row in rows
     )
-    summary = summary_row([row for _, row in numbered])
-    if summary is not None:
-        k, what = summary
-        raise TableError(
-            f"{path}, line {numbered[k][0]}: has the {what} of the other rows, and would count as one of them; "
-            "delete it",
-            "summary_row",
-        )
+    _refuse_summaries(path, header, rows, columns, numbered)
     return numbered
 
 
-_SUMMARIES: Mapping[str, Callable[..., Any]] = {"sum": np.sum, "mean": np.mean, "median": np.median}
-_SLACK = {"sum": 1.0, "mean": 1.0, "median": 0.5}  # in last digits, since the others are rounded, too
-_AROUND = 2  # rows at either end that may be summaries, such as a mean above a sum
-_FEWEST_OTHERS = 4
-_BY_CHANCE = 1e-5  # that numbers equal a summary to their last digits, by their digits and the spread of the others
-_RISES, _BY_CHANCE_RISEN = 0.2, 5e-3  # share of the spread, by which an end rises above the number beside it
-_ROUNDED = 0.5
+_PLACES = ("x_mm", "y_mm", "z_mm", "place_mm", "depth_mm")
 
 
-def summary_row(rows: ArrayLike) -> tuple[int, str] | None:
-    """Return the first or last row of (n, columns) that has the sum, mean or median of the others, and which.
-
-    None unless it is so in all columns, and hardly by chance: with more digits than a coincidence has, as a sum apart
-    from the others, or as an end that rises. A row that is among the others is none: it may be their median.
-    """
-    table = np.asarray(rows, dtype=float)
-    numbers = np.arange(len(table))
-    for order in (numbers, numbers[::-1]):
-        for k in range(1, _AROUND + 1):
-            others, row = table[order[:-k]], table[order[-k]] if k <= len(table) else None
-            if row is None or len(others) < _FEWEST_OTHERS:
-                break
-            what = _summary(others, row)
-            if what is not None:
-                return int(order[-k]), what
-    return None
-
-
-def _summary(others: NDArray[np.float64], row: NDArray[np.float64]) -> str | None:
-    """Return by what a row sums up the others, which are ordered towards it; None if it does not."""
-    spread = np.ptp(others, axis=0)
-    varied = spread > 0
-    several_constant = len(row) > 1 and not varied.any()
-    if several_constant or np.isclose(others, row, rtol=1e-9, atol=0).all(axis=1).any():
-        return None
-    risen, steps = row - others[-1], np.abs(np.diff(others, axis=0)).max(axis=0)
-    for what, of in _SUMMARIES.items():
-        found = of(others, axis=0)
-        missed, exact = np.abs(found - row), 1e-9 * np.abs(found)
-        for digit in (last_digit(row[None]), last_digit(others)):  # a summary may be rounded more, or end in zeros
-            rounded = digit * _SLACK[what] * (len(others) ** 0.5 if what == "sum" else 1.0) + exact
-            chance = float(np.prod(np.minimum(2 * rounded / np.where(varied, spread, np.inf), 1.0), where=varied))
-            apart = what == "sum" and bool(
-                (missed <= _ROUNDED * digit + exact).all() and (np.abs(risen) > steps)[varied].all()
+def _refuse_summaries(
+    path: Path, header: list[str], rows: list[tuple[int, list[str]]], columns: Sequence[str],
+    numbered: Sequence[tuple[int, Row]],
+) -> None:  # fmt: skip
+    """Refuse a row that sums up the others, by its label in a column that is not read, or by its numbers."""
+    for at, name in enumerate(header):
+        labeled = None if name.strip() in columns else labeled_summary([row[at] for _, row in rows])
+        if labeled is not None:
+            raise TableError(
+                f"{path}, line {rows[labeled][0]}, column {name.strip() or '(without a name)'}: "
+                f"{rows[labeled][1][at].strip()!r} is the label of a sum, a mean and the like; delete the row, or, "
+                "if it is a measurement, the column, which is not read",
+                "summary_row",
             )
-            rises = varied.sum() == 1 and bool((risen >= _RISES * spread)[varied].all())
-            if (missed <= rounded).all() and (
-                apart or chance <= _BY_CHANCE or (rises and chance <= _BY_CHANCE_RISEN)
-            ):
-                return what
-    return None
-
-
-_MOST_DECIMALS = 12
-
-
-def last_digit(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the place value of the last digit in each column of (n, columns), at most 1."""
-    digit = np.full(table.shape[1], 10.0**-_MOST_DECIMALS)
-    for decimals in range(_MOST_DECIMALS - 1, -1, -1):
-        digit[(np.round(table, decimals) == table).all(axis=0)] = 10.0**-decimals
-    return digit
+    table = np.array([row for _, row in numbered])
+    is_place = np.isin(columns, _PLACES)
+    found = summary_row(table) if is_place.all() else summary_row(table[:, ~is_place], table[:, is_place])
+    if found is None:
+        return
+    has = f"line {numbered[found.row][0]}: has the {found.word} of the other rows"
+    if found.sure:
+        raise TableError(f"{path}, {has}, and would count as one of them; delete it", "summary_row")
+    warn_once(f"{path}, {has} and counts as one of them: delete it if it is none")
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:

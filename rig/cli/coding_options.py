@@ -59,7 +59,8 @@ def source_in_words(source: NDArray[np.float64] | SectionPress, spacing_mm: floa
     if isinstance(source, SectionPress):
         return with_size(source.shape if isinstance(source.shape, str) else source.shape.name)
     span = f"{source.min():g} to {source.max():g} pseudo-units"
-    return f"{number_of(len(source), 'pressures')}, {span}, {spacing_mm:g} mm apart"
+    ends = f"first {source[0]:g}, last {source[-1]:g}, sum {source.sum():.6g}"
+    return f"{number_of(len(source), 'pressures')}, {span} ({ends}), {spacing_mm:g} mm apart"
 
 
 SHARED_RULES = (Needs("--shape", ("--doi-mm",)), Needs("--gain", ("--threshold",)))

@@ -46,6 +46,7 @@ from rig.plan.config import load_config
 from rig.plan.finger_model import from_copy
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
 from rig.report.page_parts import Section
+from rig.report.page_source import indentors_in_words
 from rig.report.recording_sections import Deflection, deflection_section, read_deflections, simulated
 from rig.report.spikes_section import spikes_sections
 from sim.contact.indentor import ACROSS
@@ -235,6 +236,7 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
     if writes_json():
         result = comparison_as_json(comparison, str(report), verdicts, places_as_json(at))
         result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
+        result["indentors_text"] = indentors_in_words(runs)
         if measured:
             result["deflection_text"] = " ".join(one.contents for one in measured)
         if (with_fingers := fingers_as_json(comparison)) is not None:

@@ -315,6 +315,8 @@ class CompareJson(Output):
     recordings: NotRequired[list[RecordingJson]]
     clock_shift: NotRequired[ClockShiftJson | None]
     deflection_text: NotRequired[str]
+    indentors_text: NotRequired[str]
+    """Indentors of the runs, with what was read of them."""
     places: list[PlaceJson]
     fingers: NotRequired[PlausibleFingersJson]
     phases: NotRequired[list[PhaseJson]]

@@ -24,7 +24,7 @@ from rig.design.design_text import (
 )
 from rig.design.power import PowerRow
 from rig.report.page_parts import Section, alone, render
-from rig.report.page_source import source_line
+from rig.report.page_source import shapes_in_words, source_line
 from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
 from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, as_number, shade, signed
 from rig.report.title_lines import title_lines
@@ -77,7 +77,8 @@ def write_design_page(path: Path, page: DesignPage) -> None:
         _assumptions(found, page.command),
     ]
     title = f"Presses to distinguish {len(request.candidates)} candidates"
-    source = source_line([], "no run: experiments simulated on a virtual finger")
+    pressed = shapes_in_words((one, one) for one in request.shapes)
+    source = source_line([], f"no run: experiments simulated on a virtual finger with {pressed}")
     replace_text(path, render("identification.html.j2", title=title, about=source, sections=sections))
 
 

@@ -61,7 +61,7 @@ _QUOTED = re.compile(r"`([^`\n]+)`")
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][\w-]*)(=[^\s;()]*[^\s;(),.])?")
 _SWAPPED = re.compile(r"\b(black|white)\b", re.IGNORECASE)
 _MINUS = re.compile(r"(?<![\w.,=/+-])-(?=\d)")
-_POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+−-]?)0*(\d+)\b")
+_POWER = re.compile(r"(?<![\w.])(?<!\w-)(\d+(?:\.\d+)?)e([+−-]?)0*(\d{1,3})\b")  # 3e5469 ends the name of a run
 _LEAST_POWER = 1e6
 _HIGH = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 _UNBROKEN = re.compile(

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
-from rig.compare.recordings.deflection import FEWEST_POINTS, PROXIMAL_MM, downward_mm
-from rig.compare.recordings.table import LEAVE_EMPTY, no_rows, read_table
-from rig.compare.recordings.totals import refuse_total_rows
+from rig.compare.recordings.deflection import ALONG_BY_DEPTH, read_skin_deflection
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
@@ -287,18 +285,8 @@ def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
 
 def read_deflections(path: Path) -> list[Deflection]:
     """Return the deflections of a file by ascending depth; raise RecordingError with row and column."""
-    rows = []
-    found = read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",))
-    for row in found:
-        doi = row.number("doi_mm", 0.0, no_data=LEAVE_EMPTY) if row.cells.get("doi_mm") else math.nan
-        rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
-    if not rows:
-        raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
-    refuse_total_rows(
-        found, ["deflection_mm", "z_mm"], np.array(rows)[:, [2, 1]], "point", "doi_mm", fewest=FEWEST_POINTS
-    )
-    downward_mm(path, found)
-    table = np.array(sorted(rows))
+    found = read_skin_deflection(path, ALONG_BY_DEPTH)
+    table = np.array(sorted(zip(found.doi_mm, found.z_mm, found.deflection_mm, strict=True)))
     depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one depth
     return [Deflection(float(depth), *table[which == k, 1:].T) for k, depth in enumerate(depths)]
 

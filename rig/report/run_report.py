@@ -24,6 +24,7 @@ from rig.report import run_figures, run_tables
 from rig.report.choice_figure import choice_figures, choice_rows
 from rig.report.nerve_figures import nerve_figures, no_spikes_drawn
 from rig.report.page_parts import figures_of, render
+from rig.report.page_source import indentors_in_words
 from rig.report.plot import Plot
 from rig.report.run_figures import (
     PICTURES_A_PAGE,
@@ -124,6 +125,7 @@ def _write_page(
     text = render(
         "run.html.j2",
         run=run,
+        indentors=indentors_in_words([run]),
         message=run_tables.message(run, run_tables.delivered(run)),
         found=run_tables.one_by_one(run, found),
         scheduled=run_tables.scheduled(run),

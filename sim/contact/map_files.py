@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_shared.number_text import read_number
+from rig_shared.summary_rows import last_digit, summary_row
 from rig_shared.user_files import lines_of, open_file
 from sim.contact.height_map import (
     LEAST_POINTS,
@@ -23,7 +24,6 @@ from sim.contact.height_map import (
     refuse_far,
     refuse_uneven,
 )
-from sim.tables import last_digit, summary_row
 
 Array = NDArray[np.float64]
 
@@ -338,9 +338,12 @@ def _refuse_axes_and_summaries(where: str, rows: Array, spacing_mm: float) -> No
             )
     for axis, name in enumerate(("row", "column")):
         table = rows.T if axis else rows
-        k, what = summary_row(table) or (0, "")
+        found = summary_row(table)
+        if found is None or not found.sure:
+            continue
+        k, what = found.row, found.word
         others = np.delete(table, k, axis=0)
-        if what and not (others == table[k]).any(axis=0).all() and not _continues(table, k):
+        if not (others == table[k]).any(axis=0).all() and not _continues(table, k):
             raise HeightMapError(
                 f"{where}: {name} {k + 1} of heights has the {what} of the other {name}s; delete it",
                 "summary_among_heights",

@@ -65,7 +65,7 @@ def test_encode_reads_pressures_from_a_file_as_from_the_command_line(rig: Progra
 
 def test_encode_states_how_many_pressures_it_read_and_their_range(rig: Program) -> None:
     Path("p.csv").write_text("pressure\n0.5\n20\n14\n", encoding="utf-8")
-    read = "3 pressures, 0.5 to 20 pseudo-units, 0.17 mm apart"
+    read = "3 pressures, 0.5 to 20 pseudo-units (first 0.5, last 14, sum 34.5), 0.17 mm apart"
     assert f"  read: {read}\n" in rig("encode", "--pressure", "p.csv", *QUICK).out
     assert rig("encode", "--pressure", "p.csv", *QUICK, "--json").json["source_text"] == read
     press = rig("encode", "--shape", "bar:3.0", "--doi-mm", 0.3, *QUICK, "--json").json

@@ -1,4 +1,4 @@
-"""Rows of sums, means and medians in the files that the library reads, and columns in which there are none."""
+"""Rows of sums and means in the files that the library reads, and columns in which there are none."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig_shared.summary_rows import labeled_summary, summary_row
 from sim.coding.readings_file import read_pressures, read_readings
 from sim.config import POINT_COLUMNS, SECTION_COLUMNS, FingertipConfig
 from sim.contact.measured_profile import ProfileError, read_profile
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.errors import SimError
-from sim.tables import TableError, read_columns, summary_row
+from sim.tables import TableError, read_columns
 from tests.error_codes import raises
 
 Array = NDArray[np.float64]
-SUMMARIES: dict[str, Callable[..., Any]] = {"sum": np.sum, "mean": np.mean, "median": np.median}
+SUMMARIES: dict[str, Callable[..., Any]] = {"sum": np.sum, "mean": np.mean}
 
 # --- the readers ---
 
@@ -71,7 +72,7 @@ READERS = {
     ),
     "sections": Reader(
         lambda path: read_columns(path, SECTION_COLUMNS), SECTION_COLUMNS, sections,
-        ("mean last", "mean first", "median last", "sum last"),
+        ("mean last", "mean first", "sum last"),
     ),
     "points": Reader(
         lambda path: read_columns(path, POINT_COLUMNS), POINT_COLUMNS, points, ("mean last", "mean first", "sum last")
@@ -102,7 +103,7 @@ def test_a_table_without_summaries_is_read(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "summary"), [(name, one) for name in READERS for one in READERS[name].refused])
-def test_a_first_or_last_row_with_the_sum_mean_or_median_of_the_others_is_refused(
+def test_a_first_or_last_row_with_the_sum_or_mean_of_the_others_is_refused(
     name: str, summary: str, tmp_path: Path
 ) -> None:
     reader = READERS[name]
@@ -123,13 +124,56 @@ def test_a_sum_below_a_mean_does_not_hide_it(tmp_path: Path) -> None:
         read_profile(str(write(tmp_path / "f.csv", ("x_mm", "height_mm"), both)))
 
 
-@pytest.mark.parametrize("column", [[5] * 9, [0] * 9, [20, 14], [1, 2, 3], [2, 3, 5], [0, 0, 5, 9, 5, 0, 0], [7]])
+WITHOUT_ITS_PLACE = {
+    "a mean at the next place": (2.1, np.mean),
+    "a sum at the next place": (2.1, np.sum),
+    "a mean at 0": (0.0, np.mean),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_ITS_PLACE)
+def test_a_sum_or_mean_at_any_place_of_an_equally_spaced_table_is_refused(name: str, tmp_path: Path) -> None:
+    """Its reading alone has the digits: the next of equally spaced places is what a copied row of numbers gets."""
+    place, of = WITHOUT_ITS_PLACE[name]
+    x = np.round(np.arange(-2, 2.05, 0.1), 1)
+    sed = np.round(30 * np.exp(-(x**2)) + 0.01 * x**2, 3)
+    rows = np.column_stack([np.append(x, place), np.full(len(x) + 1, 0.76), np.append(sed, np.round(of(sed), 3))])
+    with raises(TableError, "summary_row", line=len(x) + 2):
+        read_columns(write(tmp_path / "a.csv", ("x_mm", "depth_mm", "sed"), rows), ("x_mm", "depth_mm", "sed"))
+
+
+LABELED = ("mean", "Total", "min", "max", "SD", "median", "n", "SEM", "Mittelwert", "moyenne", "gemiddelde", "\u00d8",
+           "\u03a3", "m\u00e9dia", "\u0441\u0440\u0435\u0434\u043d\u0435\u0435", "\u5e73\u5747",
+           "95% CI", "mean of 3 rows")  # fmt: skip
+
+
+@pytest.mark.parametrize("label", LABELED)
+def test_a_row_that_a_column_of_labels_calls_a_summary_is_refused(label: str, tmp_path: Path) -> None:
+    """Also where its numbers do not tell: the largest pressure stands as the last sample of skin."""
+    path = tmp_path / "p.csv"
+    path.write_text(f"row,pressure\n1,2\n2,20\n3,5\n{label},20\n", encoding="utf-8")
+    with raises(TableError, "summary_row", line=5, column="row"):
+        read_columns(path, ("pressure",))
+
+
+NO_SUMMARIES = (["min", "max", "min", "max"], ["low", "min", "max", "min", "max"], ["mean", "mean"], ["SD12", "SD13"],
+                ["1", "2", "3"], ["y", "n", "n", "y"])  # fmt: skip
+
+
+@pytest.mark.parametrize("labels", NO_SUMMARIES, ids=str)
+def test_labels_of_conditions_and_of_all_rows_are_no_summaries(labels: list[str]) -> None:
+    assert labeled_summary(labels) is None
+
+
+@pytest.mark.parametrize(
+    "column", [[5] * 9, [0] * 9, [20, 14], [1, 2, 3], [2, 3, 5], [0, 0, 5, 9, 5, 0, 0], [7], [0] * 4 + [5, 5]]
+)
 def test_short_and_constant_columns_are_no_summaries(column: list[float]) -> None:
     assert summary_row(np.array(column, dtype=float)[:, None]) is None
 
 
 def test_the_total_of_a_constant_column_is_a_summary() -> None:
-    assert summary_row(np.array([5.0] * 9 + [45.0])[:, None]) == (9, "sum")
+    assert summary_row(np.array([5.0] * 9 + [45.0])[:, None]) == (9, "sum", True)
 
 
 # --- an axis among heights ---
@@ -197,7 +241,8 @@ def random_readings(rng: np.random.Generator) -> Array:
 @pytest.mark.parametrize("draw", [random_pressures, random_profile, random_readings])
 def test_no_row_of_random_tables_counts_as_a_summary(draw: Callable[..., Array]) -> None:
     rng = np.random.default_rng(11)
-    assert [table.tolist() for table in (draw(rng) for _ in range(200)) if summary_row(table) is not None] == []
+    found = [(table, summary_row(table[:, -1:], table[:, :-1])) for table in (draw(rng) for _ in range(200))]
+    assert [table.tolist() for table, one in found if one is not None and one.sure] == []
 
 
 def random_heights(rng: np.random.Generator) -> tuple[Array, float]:

@@ -6,7 +6,7 @@
 Each fact about inputs has one place:
 
 - a column, its role, its units and its names: `column_units.COLUMNS`
-- a question about the presses of a table: `presses_table.CHECKS`; what is no measurement: `totals.STATISTICS`
+- a question about the presses of a table: `presses_table.CHECKS`; what is no measurement: `rig_shared.summary_rows`
 - a way in which a workbook shows something else than its numbers: `workbook._UNCLEAR`
 - a kind of file with spikes: `spike_files.SPIKE_FILES`; its reader fills `spike_times.UnitSpikes`
 - a question about spikes, whatever their file: `spike_checks.CHECKS`, and on the run's clock `RUN_CHECKS`

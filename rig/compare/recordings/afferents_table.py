@@ -1,7 +1,8 @@
 """Recordings of several afferents: a table that names them, or a folder with one folder per afferent.
 
-Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; files are relative to the table. In a
-folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
+Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns][,distinct_from]`; files are relative to the
+table. In a folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon:
+a01/step-1@8gwt.csv.
 """
 
 from collections.abc import Sequence
@@ -12,31 +13,35 @@ from typing import NamedTuple
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.copies import common_data
 from rig.compare.recordings.number_cells import label_key
 from rig.compare.recordings.reading import (
     Reading,
-    common_data,
+    file_part,
     of_one_afferent,
     read_recording,
     refuse_unused_columns,
     to_mirror,
 )
 from rig.compare.recordings.recording import Recording, shape_key
-from rig.compare.recordings.summary_words import is_summary
 from rig.compare.recordings.table import LEAVE_EMPTY, Row, no_rows, read_table
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
+from rig_shared.summary_rows import is_summary
 
 REQUIRED = ("afferent", "shape", "file")
-OPTIONAL = ("depth_mm", "force_gwt", "columns")
+OPTIONAL = ("depth_mm", "force_gwt", "columns", "distinct_from")
 _CONDITIONS = {"depth_mm": "mm", "force_gwt": "gwt"}
 _TABLE = "afferents.csv"
 
 
 class _Named(NamedTuple):
-    """A recording by name: where it is named, its afferent, SHAPE[@CONDITION], its file, and its own --columns."""
+    """A recording by name: where it is named, its afferent, SHAPE[@CONDITION], its file, and its own --columns.
+
+    `distinct_from`: afferents whose rates are the same by chance.
+    """
 
     where: str
     row: int
@@ -44,12 +49,14 @@ class _Named(NamedTuple):
     shape: str
     file: str
     columns: str = ""
+    distinct_from: tuple[str | float, ...] = ()
 
 
 Recordings = dict[str, dict[str, Recording]]
 """Recordings by afferent, then by shape and condition."""
 
 _MOST_LISTED = 100
+_HOW_DISTINCT = "write {} into a column distinct_from of this row of the table of afferents"
 _ONE_AFFERENT = "; a recording of one afferent is --recorded SHAPE=FILE, e.g. step:1=FILE"
 
 
@@ -138,11 +145,16 @@ def _refuse(
         )
     for same, other in seen:
         of_one_unit = one.afferent == same.afferent and recording.spikes is not None  # its file has several stimuli
-        data = "" if of_one_unit else common_data(
-            recording, one.file, other, same.file, scaled=one.afferent != same.afferent)  # fmt: skip
+        are_two = label_key(same.afferent) in one.distinct_from or label_key(one.afferent) in same.distinct_from
+        parts = file_part(one.file), file_part(same.file)
+        data = "" if of_one_unit or are_two else common_data(
+            recording, parts[0], other, parts[1], scaled=one.afferent != same.afferent)  # fmt: skip
         if data:
             is_file = Path(one.file).resolve() == Path(same.file).resolve()
-            copy = "" if is_file else f", {same.file}, with {data}; give one unit one name"
+            two = _HOW_DISTINCT.format(same.afferent)
+            copy = (
+                "" if is_file else f", {same.file}, with {data}; give one unit one name, or, if they are two, {two}"
+            )
             raise RecordingError(
                 f"{one.file} is the recording of {same.shape} of afferent {same.afferent} already "
                 f"({same.where}){copy}",
@@ -178,7 +190,9 @@ def _row(where: str, row: Row) -> _Named:
         raise RecordingError("state one depth or force", "several_conditions")
     shape = "@".join([cell["shape"], *pressed])
     file = Path(cell["file"])
-    return _Named(where, row.row, cell["afferent"], shape, str(row.path.parent / file), cell.get("columns", ""))
+    distinct_from = tuple(label_key(one) for one in cell.get("distinct_from", "").split(";") if one.strip())
+    file_name = str(row.path.parent / file)
+    return _Named(where, row.row, cell["afferent"], shape, file_name, cell.get("columns", ""), distinct_from)
 
 
 _NO_RECORDINGS = (

@@ -13,16 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.table import Row, column_list, no_rows, read_table
-from rig.compare.recordings.totals import refuse_total_rows
+from rig.compare.recordings.table import LEAVE_EMPTY, Row, column_list, no_rows, read_table
+from rig.compare.recordings.totals import refuse_summary_rows
 from rig_shared.outputs import Output
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
-
-FEWEST_POINTS = 5
-"""Points whose mean or sum another one does not have by chance."""
 
 _COLUMNS = ("x_mm", "z_mm")
 _CENTRE_MM, PROXIMAL_MM = 0.0, 0.0
@@ -30,18 +27,27 @@ _CENTRE_MM, PROXIMAL_MM = 0.0, 0.0
 
 @dataclass(frozen=True)
 class SkinDeflection:
-    """Measured downward displacements (n,) at undeformed locations (n,), in mm; NaN in z: receptor plane."""
+    """Measured downward displacements (n,) at undeformed locations (n,), in mm; NaN in z: receptor plane.
+
+    `doi_mm` (n,) is the depth of the indentation, NaN if the file states none.
+    """
 
     x_mm: Array
     z_mm: Array
     deflection_mm: Array
+    doi_mm: Array
 
 
-def read_skin_deflection(path: Path) -> SkinDeflection:
+ANYWHERE = (("deflection_mm",), _COLUMNS)
+ALONG_BY_DEPTH = (("z_mm", "deflection_mm"), ("doi_mm",))
+"""Required and optional columns: of points anywhere under one press, and along the finger under presses by depth."""
+
+
+def read_skin_deflection(path: Path, columns: tuple[tuple[str, ...], tuple[str, ...]] = ANYWHERE) -> SkinDeflection:
     """Read a measured deflection. Raises RecordingError with row and column."""
-    rows = read_table(path, ("deflection_mm",), _COLUMNS)
+    rows = read_table(path, *columns)
     if not rows:
-        raise no_rows(path, column_list(("deflection_mm",), _COLUMNS))
+        raise no_rows(path, column_list(*columns))
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
         raise RecordingError(f"{path}, row 1: must have a column x_mm, z_mm, or both", "no_place")
@@ -50,15 +56,13 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
         name: np.array([row.number(name, least) if name in given else usual[name] for row in rows])
         for name, least in zip(_COLUMNS, (-np.inf, PROXIMAL_MM), strict=True)
     }
-    down_mm = downward_mm(path, rows)
-    columns = ["deflection_mm", *given]
-    refuse_total_rows(
-        rows, columns, np.column_stack([down_mm, *(places[name] for name in given)]), "point", fewest=FEWEST_POINTS
-    )
-    return SkinDeflection(**places, deflection_mm=down_mm)
+    doi_mm = np.array([row.number("doi_mm", 0.0, no_data=LEAVE_EMPTY) if row.cells.get("doi_mm") else np.nan
+                       for row in rows])  # fmt: skip
+    refuse_summary_rows(rows, "deflection_mm", given, "point", "doi_mm")
+    return SkinDeflection(**places, deflection_mm=_downward_mm(path, rows), doi_mm=doi_mm)
 
 
-def downward_mm(path: Path, rows: Sequence[Row]) -> Array:
+def _downward_mm(path: Path, rows: Sequence[Row]) -> Array:
     """Return the downward displacements (n,) of a table in mm. Raises RecordingError if none is downward."""
     down = np.array([row.number("deflection_mm") for row in rows])
     if down.max() <= 0 and down.min() < 0:

@@ -8,7 +8,7 @@ says: the indentor's reference point from the receptive field's center in the fi
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +27,6 @@ from rig.compare.recordings.recording import (
     refuse_impossible_rate,
     with_enough_positions,
 )
-from rig.compare.recordings.summary_words import is_summary
 from rig.compare.recordings.table import (
     COLUMNS_HINT,
     Row,
@@ -38,18 +37,8 @@ from rig.compare.recordings.table import (
     read_table,
 )
 from rig.compare.recordings.table_cells import SameInAllRows
-from rig.compare.recordings.totals import (
-    ROUNDED,
-    SQRT_TAU,
-    STATISTICS,
-    UNLIKELY,
-    Statistic,
-    decimals_of,
-    half_digit,
-    refuse_nines,
-    refuse_total_rows,
-    value_step,
-)
+from rig.compare.recordings.totals import refuse_nines, refuse_summary_rows
+from rig_shared.summary_rows import is_summary, summary_row
 
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
@@ -100,11 +89,28 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     read_as = " ".join(filter(None, [columns_read(rows, columns.window_s if counted else None), *sentences]))
     changes = [*columns.changes(*required, *optional), *_header_changes(rows, (*required, *optional))]
     highest = f"row {max(presses, key=lambda one: one.value).row.row}" if presses else ""
-    found = replace(found, changes=tuple(dict.fromkeys(changes)), read_as=read_as, highest_in=highest)
+    found = replace(
+        found,
+        changes=tuple(dict.fromkeys(changes)),
+        read_as=read_as,
+        highest_in=highest,
+        rows_text=_in_words(presses),
+    )
     found = with_enough_positions(path, found)
     refuse_impossible_rate(path, found)
     _refuse_narrow_profile(path, found, rows[0].columns[_POSITION])
     return found
+
+
+def _in_words(presses: TablePresses) -> str:
+    """Return the first and the last row of a table, and the sum, so that a row that is no press is seen."""
+    if not presses:
+        return ""
+    unit = "" if presses[0].measured == "count" else f" {presses[0].row.columns['rate'].unit or '1/s'}"
+    ends = [f"row {one.row.row} has {one.row.in_file(one.measured):.6g}{unit} at {one.position_mm:g} mm"
+            for one in (presses[0], presses[-1])]  # fmt: skip
+    total = sum(one.row.in_file(one.measured) for one in presses)
+    return f"{' and '.join(ends)} (first and last row); the sum of all is {total:.6g}{unit}."
 
 
 def _header_changes(rows: Sequence[Row], roles: Sequence[str]) -> list[str]:
@@ -254,92 +260,32 @@ def _nines(presses: TablePresses) -> str:
     return ""
 
 
-def _total_rows(presses: TablePresses) -> str:
-    values = np.array([(one.value, one.position_mm) for one in presses])
-    return refuse_total_rows([one.row for one in presses], [presses[0].measured, _POSITION], values, "press", _REPEAT)
+def _summary_rows(presses: TablePresses) -> str:
+    return refuse_summary_rows([one.row for one in presses], presses[0].measured, [_POSITION], "press", _REPEAT)
 
 
-def _repeat_of_totals(presses: TablePresses) -> str:
-    """Refuse a repeat that has what the others are together at every position at which these differ.
-
-    Return a sentence on one that may have it by chance, as the smallest of a few presses that are often equal.
-    """
-    at: dict[float, dict[str, float]] = {}
+def _summary_repeat(presses: TablePresses) -> str:
+    """Refuse a first or last repeat that has what the others are together at every position."""
+    at, labels = ({value: k for k, value in enumerate(dict.fromkeys(some))} for some in (
+        [one.position_mm for one in presses], [one.repeat for one in presses]))  # fmt: skip
+    if len(at) < _FEWEST_PLACES:
+        return ""
+    rates = np.full((len(labels), len(at)), np.nan)
     for one in presses:
-        at.setdefault(one.position_mm, {})[one.repeat] = one.value
-    every = [some for some in at.values() if len(some) > _FEWEST_OTHERS]
-    said, roundings = "", _roundings(presses)
-    step, labels = value_step(np.array([one.value for one in presses])), [one.repeat for one in presses]
-    for label in every[0] if every else ():
-        differ = [some for some in every if label in some and np.ptp(_others(some, label)) > 0]
-        for statistic in (one for one in STATISTICS if one.of_repeats):
-            if len(differ) < _FEWEST_TOTALS or not all(_has(statistic, some, label, roundings) for some in differ):
-                continue
-            has = f"it has the {statistic.word} of the other repeats at each of {len(differ)} positions"
-            chance = 0.0 if statistic.exact else _chance(statistic, differ, roundings)
-            in_between = label not in (labels[0], labels[-1])  # as of rates that rise in steps
-            if chance < _UNLIKELY and not in_between and _agreement(differ, label, roundings, step) < UNLIKELY:
-                row = next(one.row for one in presses if one.repeat == label)
-                raise row.wrong(_REPEAT, "totals", f"a press, but {has}; delete its rows")
-            if chance < 1:
-                said = said or f"The repeat {label} is counted as a press, but {has}: delete its rows if it is none."
-    return said
+        rates[labels[one.repeat], at[one.position_mm]] = float(f"{one.row.in_file(one.measured):.12g}")
+    found = summary_row(rates, fewest=_FEWEST_REPEATS)
+    if found is None or not found.sure:
+        return ""
+    label, places = list(labels)[found.row], int(np.isfinite(rates[found.row]).sum())
+    row = next(one.row for one in presses if one.repeat == label)
+    raise row.wrong(
+        _REPEAT,
+        "totals",
+        f"a press, but it has the {found.word} of the other repeats at each of {places} positions; delete its rows",
+    )
 
 
-_FEWEST_OTHERS, _FEWEST_TOTALS = 2, 4  # three presses of few spikes may be one another's mean by chance
-_UNLIKELY = 0.05
-
-
-class _Rounding(NamedTuple):
-    """Half of the last digit of a repeat's values, in the program's unit, and whether all are whole numbers."""
-
-    half: float
-    whole: bool
-
-
-def _roundings(presses: TablePresses) -> dict[str, _Rounding]:
-    """Return by how much the values of each repeat may be rounded; 39.0 is as exact as 39."""
-    found: dict[str, _Rounding] = {}
-    for one in presses:
-        half, whole = found.get(one.repeat, _Rounding(math.inf, True))
-        digit = half_digit(one.row, one.measured)
-        found[one.repeat] = _Rounding(min(half, digit), whole and not decimals_of(one.row, one.measured))
-    return found
-
-
-def _others(some: Mapping[str, float], label: str) -> list[float]:
-    return [value for other, value in some.items() if other != label]
-
-
-def _has(statistic: Statistic, some: Mapping[str, float], label: str, roundings: Mapping[str, _Rounding]) -> bool:
-    """Return whether a repeat has what the others at its position are together, as exactly as its values are."""
-    others, (half, whole) = np.array(_others(some, label)), roundings[label]
-    rounding = max(ROUNDED * float(others.max()), 0.0 if statistic.exact and whole else half)
-    return abs(float(statistic.of(others)) - some[label]) <= rounding
-
-
-def _chance(
-    statistic: Statistic, positions: Sequence[Mapping[str, float]], roundings: Mapping[str, _Rounding]
-) -> float:
-    """Return how probable it is at most that some repeat has it everywhere, if all repeats are alike."""
-    shares = [np.mean([_has(statistic, some, label, roundings) for label in some]) for some in positions]
-    return float(np.prod(shares)) * max(map(len, positions))
-
-
-def _agreement(
-    positions: Sequence[Mapping[str, float]], label: str, roundings: Mapping[str, _Rounding], step: float
-) -> float:
-    """Return how probable it is that a repeat agrees so closely with any number, by the noise of the others."""
-    others = [np.array(_others(some, label)) for some in positions]
-    mean = np.array([some.mean() for some in others])
-    noise = float(np.mean([some.var(ddof=1) for some in others]) / mean.mean())
-    width = max(step, 2 * roundings[label].half * (not roundings[label].whole))
-    each = np.minimum(1.0, width / (SQRT_TAU * np.sqrt(noise * np.maximum(mean, step))))
-    named = _NAMED if isinstance(label_key(label), str) else 1.0
-    return float(np.prod(each)) * len(positions[0]) * named
-
-
-_NAMED = 0.02  # share of repeats with a name of its own that are presses
+_FEWEST_REPEATS, _FEWEST_PLACES = 2, 4  # three presses of few spikes may be one another's mean by chance
 
 
 def _close_positions(presses: TablePresses) -> str:
@@ -368,5 +314,5 @@ _NEAR_MM, _TICK_MM = 0.01, 1e-6  # closer positions may be one, read from a stag
 
 REPEAT_CHECKS = (_unclear_repeats, _place_twice)
 """Questions that come before the rates or counts are read, since a row of means need not have one."""
-CHECKS = (_nines, _close_positions, _total_rows, _repeat_of_totals)
+CHECKS = (_nines, _close_positions, _summary_rows, _summary_repeat)
 """Questions about all presses of a table: a sentence for the page, "" for none; or RecordingError."""

@@ -1,7 +1,6 @@
 """Read the recordings that a command names: tables of rates or counts, and spike times."""
 
 import hashlib
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.copies import common_data
 from rig.compare.recordings.presses_table import COUNTS, RATES, Roles, holds_counts, read_srp
 from rig.compare.recordings.recording import (
     Recording,
@@ -22,11 +22,9 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spike_files import SPIKES, spike_file
-from rig.compare.recordings.spike_times import joined
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.compare.recordings.table import has_column, header_of
 from rig.compare.recordings.table_cells import file_and_sheet
-from rig.compare.recordings.totals import ROUNDED, SQRT_TAU, value_step
 from rig.data import Run
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
@@ -109,101 +107,6 @@ def of_one_afferent(found: Mapping[str, Recording]) -> dict[str, Recording]:
     }
 
 
-def common_data(found: Recording, file: str, other: Recording, other_file: str, *, scaled: bool = False) -> str:
-    """Return what two recordings have in common: a file and unit or sheet, their spikes or rates; "" for nothing.
-
-    Spike times have all presses of a run, so their file may be named for several stimuli. `scaled`: rates are also
-    the same at common positions, up to a factor, or at shifted ones, as those of one unit under two names.
-    """
-    if found.sha256 == other.sha256 and _part_of(found, file) == _part_of(other, other_file):
-        return "the same file"
-    if found.spikes is not None and other.spikes is not None:
-        return _same_spikes(found.spikes.spike_s, other.spikes.spike_s)
-    return _same_rates(found, other, scaled=scaled)
-
-
-def _part_of(found: Recording, file: str) -> str:
-    return unit_of(file) if found.spikes is not None else file_and_sheet(Path(file))[1]
-
-
-def _same_spikes(spike_s: Array, other_s: Array) -> str:
-    """Return in words that nearly all spikes of one unit are those of the other, which may be cut shorter or rounded.
-
-    A constant lag of up to 2 ms, as of another channel or filter, is no difference.
-    """
-    few, many = sorted((spike_s, other_s), key=len)
-    if not len(few) or (len(few) < _FEWEST_SPIKES and len(few) != len(many)):
-        return ""
-    first, last = np.searchsorted(many, few - _MOST_LAG_S), np.searchsorted(many, few + _MOST_LAG_S)
-    lags_s = np.sort(np.concatenate([many[a:b] - one for one, a, b in zip(few, first, last, strict=True)]))
-    within = np.searchsorted(lags_s, lags_s + 2 * _SAME_LAG_S, side="right") - np.arange(len(lags_s))
-    best_s = float(lags_s[within.argmax()]) + _SAME_LAG_S if len(lags_s) else 0.0
-    for lag_s, same_s in ((0.0, _SAME_SPIKE_S), (best_s, _SAME_LAG_S)):
-        after = np.clip(np.searchsorted(many, few + lag_s), 1, max(len(many) - 1, 1))
-        beside = np.abs(np.stack([many[after - 1], many[np.minimum(after, len(many) - 1)]]) - (few + lag_s))
-        same = int(np.count_nonzero(beside.min(axis=0) <= same_s + _TICK_S))
-        if same >= _MOST_OF_SPIKES * len(few):
-            return f"the same spikes ({same} of {len(few)})"
-    return ""
-
-
-def _same_rates(found: Recording, other: Recording, *, scaled: bool) -> str:
-    """Return in words that the rates of all common presses are the same, as exactly as a table may have them.
-
-    They are compared if enough of them differ and are above 0: two stimuli may leave an afferent silent.
-    """
-    shifts_mm = [0.0]
-    if scaled:
-        ends = ((found.position_mm[k], other.position_mm[k]) for k in (0, -1))
-        shifts_mm += [float(one) for one in {round(there - here, _DECIMALS) for here, there in ends} - {0.0}]
-    for shift_mm in shifts_mm:
-        there = {round(float(x), _DECIMALS): rates for x, rates in zip(other.position_mm, other.repeats, strict=True)}
-        pairs = [(rates, there[at]) for x, rates in zip(found.position_mm, found.repeats, strict=True)
-                 if (at := round(float(x) + shift_mm, _DECIMALS)) in there]  # fmt: skip
-        if not pairs:
-            continue
-        every = len(pairs) == len(found.repeats) == len(other.repeats)
-        every = every and all(len(here) == len(rates) for here, rates in pairs)
-        pairs = [_common_repeats(*pair) for pair in pairs]
-        here, rates = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
-        different = len(set(here.tolist()) - {0.0})
-        for factor in (1.0, float(rates.sum() / here.sum()) if scaled and here.sum() > 0 else 1.0):
-            is_plain = factor == 1.0 and shift_mm == 0
-            fewest = _FEWEST_RATES if is_plain and every else _FEWEST_SHORTER if is_plain else _FEWEST_SCALED
-            fewer = min(len(found.repeats), len(other.repeats))
-            most = every or (scaled and len(pairs) >= _MOST_OF_PRESSES * fewer)
-            rounding = 0.0 if factor == 1.0 else 0.51 * (value_step(rates) + factor * value_step(here))
-            within = np.maximum(ROUNDED * np.abs(rates), rounding)
-            noise = _LEAST_NOISE * np.sqrt(np.maximum(rates, 0.0) * rates.max())
-            by_chance = np.divide(2 * within, SQRT_TAU * noise, out=np.ones_like(noise), where=noise > 0)
-            sure = factor == 1.0 or float(np.prod(np.minimum(1.0, by_chance))) < _EXCLUDED
-            if different >= fewest and most and sure and (np.abs(rates - factor * here) <= within).all():
-                of_factor, of_shift = f"a factor of {factor:.4g}", f"a shift of {shift_mm:g} mm"
-                changed = joined([of_factor] * (factor != 1) + [of_shift] * (shift_mm != 0))
-                up_to = f", up to {changed}" if changed else ""
-                return f"the same rates at {len(pairs)} positions, {different} different ones{up_to}"
-    return ""
-
-
-def _common_repeats(here: Array, there: Array) -> tuple[Array, Array]:
-    """Return the rates of two recordings at a position, in order; of the longer one those that the other has."""
-    few, many = np.sort(here), np.sort(there)
-    if len(few) == len(many):
-        return few, many
-    shorter, longer = sorted((few, many), key=len)
-    if not Counter(shorter.tolist()) - Counter(longer.tolist()):
-        return shorter, shorter
-    return few[: len(shorter)], many[: len(shorter)]
-
-
-_FEWEST_SPIKES, _SAME_SPIKE_S, _MOST_OF_SPIKES = 10, 5e-4, 0.9
-_MOST_LAG_S, _SAME_LAG_S, _TICK_S = 2e-3, 2e-4, 1e-7
-_FEWEST_RATES, _FEWEST_SHORTER, _FEWEST_SCALED, _MOST_OF_PRESSES = 3, 4, 5, 0.75
-_DECIMALS = 3
-_LEAST_NOISE, _EXCLUDED = 0.1, 1e-7
-"""Noise of the highest rate, relative to it: that of 100 spikes. Chance below which rates agree as copies do."""
-
-
 def _refuse_several_units(found: Mapping[str, Recording]) -> None:
     """Refuse rates of one afferent in several units, which no one gain converts. Raises RecordingError."""
     units = {one.rate_unit.casefold().replace(".", ""): key for key, one in found.items()}
@@ -220,10 +123,11 @@ def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, 
     """Refuse a table that is the recording of two stimuli: it would count twice."""
     tables = {key: one for key, one in found.items() if one.spikes is None}
     for other, key in combinations(tables, 2):
-        if common_data(tables[key], files[key], tables[other], files[other]):
+        if common_data(tables[key], file_part(files[key]), tables[other], file_part(files[other])):
             raise RecordingError(
                 f"--recorded {key}={files[key]}: the recording of {other} already, in {files[other]}, with the same "
-                "rates; those of one stimulus are not those of another: name a file of its own for each",
+                "rates; those of one stimulus are not those of another: name a file of its own for each, or, if both "
+                "have these rates, compare each alone",
                 "file_twice",
             )
 
@@ -258,9 +162,9 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
     return Path(file), same_name(unit)
 
 
-def unit_of(text: str) -> str:
-    """Return the unit that is named after a file, "" for none."""
-    return _file_and_unit(text)[1]
+def file_part(text: str) -> tuple[str, str]:
+    """Return the unit and the sheet that are named after a file, "" for none."""
+    return _file_and_unit(text)[1], file_and_sheet(Path(text))[1]
 
 
 def _may_have_units(path: Path) -> bool:

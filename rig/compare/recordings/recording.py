@@ -29,7 +29,7 @@ class FromSpikes:
 
     `lost_mm` are the positions of the presses at which the unit was not observed, of `presses`; `span` says when it
     was. `spike_s` are the spikes in s since the start of the run. `shifted` returns the recording as it were if the
-    clock of the file told a later time (s).
+    clock of the file told a later time (s), `counted` that of a window of another length (s).
     """
 
     presses: int
@@ -39,14 +39,16 @@ class FromSpikes:
     notes: tuple[str, ...]
     spike_s: Array
     shifted: "Callable[[float], Recording]"
+    counted: "Callable[[float], Recording]"
 
     def mirrored(self) -> "FromSpikes":
         """Return the origin of the mirrored recording."""
-        shifted = self.shifted
+        shifted, counted = self.shifted, self.counted
         return replace(
             self,
             lost_mm=tuple(-x for x in self.lost_mm),
             shifted=lambda shift_s: shifted(shift_s).mirrored(),
+            counted=lambda length_s: counted(length_s).mirrored(),
         )
 
     @property
@@ -98,6 +100,8 @@ class Recording:
     """Sentences on the columns that were read, and their units."""
     highest_in: str = ""
     """Where the file has the highest rate, e.g. "row 12"; "" for spike times."""
+    rows_text: str = ""
+    """First and last row of a table, and its sum, as in the file."""
 
     @property
     def rate(self) -> Array:
@@ -118,6 +122,8 @@ class Recording:
         return (
             f"{used}{of} presses at {number_of(len(places), 'positions')} from {places[0]:g} to {places[-1]:g} mm, "
             f"{each.min():.4g} to {each.max():.4g}{unit}, highest at {where}."
+            + f" In the file, {self.rows_text}"
+            * bool(self.rows_text)
         )
 
     def mirrored(self) -> "Recording":

@@ -1,6 +1,7 @@
 """Discharge rates from spike times and a run."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,9 +94,13 @@ def rates_in_run(
         moved = rates_in_run(run, shape, times.shifted(shift_s), name, window_s, centre_mm)
         return with_enough_positions(Path(name), moved)
 
+    @cache
+    def counted(length_s: float) -> Recording:
+        return rates_in_run(run, shape, times, name, (begin, begin + length_s), centre_mm)
+
     notes = (*times.notes, *_differences(run, {hold.press for hold in holds}))
     presses, spike_s = len(rows) + len(lost_mm), times.spike_s
-    about = FromSpikes(presses, tuple(lost_mm), times.span, times.clock, notes, spike_s, shifted)
+    about = FromSpikes(presses, tuple(lost_mm), times.span, times.clock, notes, spike_s, shifted, counted)
     return replace(recording(name, rows, end - begin), spikes=about, read_as=times.read_as)
 
 

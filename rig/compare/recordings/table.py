@@ -19,12 +19,12 @@ from rig.compare.recordings.column_units import (
 )
 from rig.compare.recordings.columns import RecordingColumn, role_name, stated_unit
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig.compare.recordings.summary_words import refuse_summary_label
 from rig.compare.recordings.table_cells import (
     SameInAllRows,
     refuse_not_understood,
     table_cells,
 )
+from rig_shared.summary_rows import labeled_summary
 
 COLUMNS_HINT = (
     "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN:Hz, or time=COLUMN:ms for spike times"
@@ -192,7 +192,14 @@ def read_table(
         if isinstance(cell, SameInAllRows) and not column_kind(name).one_for_all:
             raise rows[0].wrong(name, "same_in_all_rows", "a vector with a number for each row, not a scalar")
     for name in rows[0].unread if rows else ():
-        refuse_summary_label(path, name, {row.row: row.unread[name] for row in rows})
+        labeled = labeled_summary([row.unread[name] for row in rows])
+        if labeled is not None:
+            raise RecordingError(
+                f"{path}, row {rows[labeled].row}, column {name or 'without a name'}: {rows[labeled].unread[name]!r} "
+                "must be the label of a measurement; delete rows with sums, means and the like, or, if it is one, "
+                "delete the column, which is not read",
+                "totals",
+            )
     return rows
 
 

@@ -9,12 +9,11 @@ import pytest
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
-from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from tests.error_codes import raises
-from tests.rig.compare.recording_files import TIMES, WINDOW_S, journal
+from tests.rig.compare.recording_files import PRESSES, STARTS, TIMES, WINDOW_S, journal
 
 Make = Callable[..., StimulusRow]
 
@@ -236,14 +235,24 @@ OTHERS = [t + 0.003 * (1 + n % 3) for n, t in enumerate(TIMES)]
 ROWS = ("-1,33.3333333", "-0.5,5", "0,66.6666667", "0.5,4")
 RATES = "\n".join(["position_mm,rate", *ROWS])
 ONE, TWO = nwb(TIMES), nwb(TIMES, OTHERS)
-TUNED = {-2: 4.2, -1.5: 6.0, -1: 16.0, -0.5: 39.0, 0: 54.0, 0.5: 39.0, 1: 16.0, 1.5: 6.0, 2: 4.2}
+TUNED = {-2: 4.2, -1.5: 6.0, -1: 16.0, -0.5: 39.0, 0: 54.0, 0.5: 41.0, 1: 19.0, 1.5: 8.0, 2: 5.2}
+
+
+def counted(window_s: float, *, rates: bool = False, other: int = 0) -> Callable[[Path], None]:
+    """Spikes of TIMES in a window of each press, or their rates; `other` is added to the first count."""
+    per, header = (window_s, "position_mm,rate,repeat") if rates else (1, "position_mm,count,window_s,repeat")
+    rows = []
+    for k, ((x, _, number), start) in enumerate(zip(PRESSES, STARTS, strict=True)):
+        spikes = sum(start <= t < start + window_s for t in TIMES) + other * (not k)
+        rows.append(f"{x},{spikes / per:g}," + f"{window_s}," * (not rates) + f"{number}")
+    return as_text("\n".join([header, *rows]) + "\n")
 
 
 def tuned(
-    positions: int = 9, factor: float = 1.0, shift_mm: float = 0.0, other: float = 0.0
+    positions: int = 9, factor: float = 1.0, shift_mm: float = 0.0, other: float = 0.0, first: int = 0
 ) -> Callable[[Path], None]:
     """Rates under a bell; `other` is added to the last one."""
-    rows = [(x + shift_mm, factor * rate) for x, rate in list(TUNED.items())[:positions]]
+    rows = [(x + shift_mm, factor * rate) for x, rate in list(TUNED.items())[first:positions]]
     rows[-1] = rows[-1][0], rows[-1][1] + other
     return as_text("position_mm,rate\n" + "".join(f"{x},{rate:.4f}\n" for x, rate in rows))
 
@@ -283,6 +292,19 @@ COPIES = {
         ONE, "one.nwb", "other.csv", as_text("time_s\n" + "".join(f"{t:.3f}\n" for t in TIMES)), True,
     ),
     "a copy that was cut shorter": (ONE, "one.nwb", "other.nwb", nwb(TIMES[:-3]), True),
+    "copies that share the middle of the recording": (
+        nwb(TIMES[:-6]), "one.nwb", "other.nwb", nwb(TIMES[6:]), True,
+    ),
+    "other units of which each covers a part": (nwb(TIMES[:-6]), "one.nwb", "other.nwb", nwb(OTHERS[6:]), False),
+    "a table of counts in another window": (ONE, "one.nwb", "other.csv", counted(0.06), True),
+    "a table of rates in another window": (ONE, "one.nwb", "other.csv", counted(0.1, rates=True), True),
+    "a table of other counts in another window": (ONE, "one.nwb", "other.csv", counted(0.06, other=1), False),
+    "a table with another center and without both ends": (
+        tuned(), "one.csv", "other.csv", tuned(8, shift_mm=0.37, first=1), True,
+    ),
+    "a table with another center, both ends and a rate": (
+        tuned(), "one.csv", "other.csv", tuned(8, shift_mm=0.37, first=1, other=0.5), False,
+    ),
     "a unit with as many spikes": (ONE, "one.nwb", "other.nwb", nwb(OTHERS), False),
     "a table with other ends of lines": (
         as_text(RATES), "one.csv", "other.csv", as_text(RATES.replace("\n", "\r\n")), True,
@@ -303,14 +325,35 @@ def test_one_recording_is_one_afferent(name: str, tmp_path: Path, make_stimulus:
     write_other(tmp_path / other.partition("#")[0])
     x, receptor = np.linspace(-2, 2, 9), np.array([0.0])
     stimuli = [make_stimulus("bar:3.0", x, receptor, {}, kind="doi_mm", commanded=1.0)]
-    path = table(tmp_path, f"a1,bar:3,,{one}", f"a2,bar:3,1,{other}")
-    reading = Reading(window_s=(0.0, WINDOW_S), columns=column_map(["sync=none"] * one.endswith("nwb")))
+    clock = ["" if (tmp_path / file.partition("#")[0]).read_bytes().startswith(b"position_mm") else "sync=none"
+             for file in (one, other)]  # fmt: skip
+    path = table(
+        tmp_path, f"a1,bar:3,,{one},{clock[0]}", f"a2,bar:3,1,{other},{clock[1]}", header=f"{HEADER},columns"
+    )
+    reading = Reading(window_s=(0.0, WINDOW_S))
     if not is_copy:
         assert len(read_afferents(path, [], [journal(tmp_path)], stimuli, reading)) == 2
         return
     with raises(RecordingError, "bad_rows", path=str(path), bad=1) as caught:
         read_afferents(path, [], [journal(tmp_path)], stimuli, reading)
     assert "is the recording of bar:3 of afferent a1 already" in str(caught.value)
+
+
+def test_two_units_with_the_same_rates_by_chance_are_read_if_the_table_says_so(
+    tmp_path: Path, make_stimulus: Make
+) -> None:
+    """The message names the column, and the column is the way out."""
+    for name in ("one.csv", "other.csv"):
+        (tmp_path / name).write_text("position_mm,rate\n-1,4\n-.5,7\n0,12\n.5,7\n1,3\n", encoding="utf-8")
+    stimuli = [make_stimulus("bar:3.0", np.linspace(-2, 2, 9), np.array([0.0]), {}, kind="doi_mm", commanded=1.0)]
+    rows = "a1,bar:3,,one.csv", "a2,bar:3,,other.csv"
+    with raises(RecordingError, "bad_rows") as caught:
+        read(table(tmp_path, *rows), stimuli)
+    assert "if they are two, write a1 into a column distinct_from of this row" in str(caught.value)
+    header = f"{HEADER},distinct_from"
+    assert len(read(table(tmp_path, f"{rows[0]},", f"{rows[1]},A1", header=header), stimuli)) == 2
+    with raises(RecordingError, "bad_rows"):
+        read(table(tmp_path, f"{rows[0]},", f"{rows[1]},a7", header=header), stimuli)
 
 
 def laid(file: Path) -> None:

@@ -60,6 +60,7 @@ PRINTED = {
     "negative numbers": ("-2 to [-1.16, -0.2]", "−2 to [−1.16,_−0.2]"),
     "hyphens": ("2026-11-30, bar-3, Fig. 5-8, x=-4, -c", "2026-11-30, bar-3, Fig. 5-8, x=-4, -c"),
     "powers of ten": ("6.9e-06, -1.31e+06, 9.73e+03, 3e4a-5", "6.9_×_10⁻⁶, −1.31_×_10⁶, 9730, 3e4a-5"),
+    "names of runs": ("20261201T130931-steps-3e5469, a-1e5.csv", "20261201T130931-steps-3e5469, a-1e5.csv"),
     "a number and its unit": ("18 % at 1.5 mm, 10 000 nodes", "18_% at 1.5_mm, 10_000 nodes"),
     "an interval": ("529 [469, 615], 3 ± 1, -1.15 … -0.75", "529 [469,_615], 3_±_1, −1.15_…_−0.75"),
     "an equation": (
