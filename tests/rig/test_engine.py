@@ -22,6 +22,7 @@ from rig.engine.motion import UP
 from rig.engine.sensing import ForceZero
 from rig.engine.steps import Steps
 from rig.errors import RigError
+from rig.records import NO_PRESS
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
@@ -130,6 +131,39 @@ def test_contact_is_recorded_before_the_first_motion_below_clearance_and_at_each
     assert not engine.known_contact.aged
     bench.clock.wait_s(2.0)
     assert engine.known_contact.aged
+
+
+def _measured_at_rest(bench: StubBench) -> None:
+    bench.engine.measure_contact()
+
+
+def _read_at_rest(bench: StubBench) -> None:
+    bench.engine.read_force_gwt(NO_PRESS, "moving")
+
+
+def _read_in_motion(bench: StubBench) -> None:
+    bench.engine.lift(bench.height_mm + 1.0)
+
+
+@pytest.mark.parametrize(
+    ("last", "zeroed"),
+    [(_measured_at_rest, True), (_read_at_rest, True), (_read_in_motion, True), (_read_at_rest, False),
+     (_read_in_motion, False)],
+)  # fmt: skip
+def test_the_record_before_a_motion_below_clearance_has_the_last_force_from_a_zero(
+    last: Callable[[StubBench], None], zeroed: bool
+) -> None:
+    """What the next command reads if this one is killed in that motion."""
+    bench, kept = StubBench(), list[KnownContact]()
+    engine = bench.ready()
+    engine.memory = KeptMemory(kept)
+    bench.force.shows_gwt = 0.03
+    if not zeroed:
+        engine.sensing.zero = None
+    last(bench)
+    kept.clear()
+    engine.go_to_height(1.95, 0.5, touch_ends_it=True)
+    assert (kept[0].kind, kept[0].force_gwt) == ("unknown", pytest.approx(0.03) if zeroed else None)
 
 
 @pytest.mark.parametrize(

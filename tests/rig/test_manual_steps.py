@@ -4,6 +4,7 @@ The finger is a spring F = k d^1.5 below its skin; the truth is sampled every fe
 """
 
 import itertools
+import math
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -435,6 +436,47 @@ def test_steps_add_up_along_their_axis_alone(axis: Any, by_mm: float) -> None:
         assert bench.stage.at_mm == pytest.approx(machine_mm)
 
 
+def _slow_table() -> dict[str, tuple[bool, float, Direction, float]]:
+    """Whether the height is known, from where, which way, and the highest speed there (mm/s)."""
+    habits, limits = Config().habits, Config().limits
+    aside = Direction("x", 1)
+    return {
+        "down above clearance": (True, 6.0, DOWN, habits.descent_speed_mm_s),
+        "down below clearance": (True, CLEARANCE_MM, DOWN, limits.max_press_speed_mm_s),
+        "up": (True, 3.0, UP, math.inf),
+        "sideways": (True, 3.0, aside, -1.0),
+        "sideways from the park height": (True, habits.park_height_mm, aside, habits.travel_speed_mm_s),
+        "down at an unknown height": (False, 3.0, DOWN, limits.max_press_speed_mm_s),
+        "up at an unknown height": (False, 3.0, UP, math.inf),
+        "sideways at an unknown height": (False, 3.0, aside, -1.0),
+    }
+
+
+SLOW = _slow_table()
+"""-1: the speed of a guarded move sideways."""
+
+
+@pytest.mark.parametrize("way", SLOW)
+@pytest.mark.parametrize("speed_mm_s", [0.05, 100.0])
+def test_a_step_has_the_speed_that_a_person_chose_unless_a_guard_asks_for_a_lower_one(
+    way: str, speed_mm_s: float
+) -> None:
+    known, from_mm, direction, most_mm_s = SLOW[way]
+    bench = StubBench()
+    engine, made = bench.ready(), list[float]()
+    engine.go_to_height(from_mm, 0.5)
+    if most_mm_s < 0.0:
+        most_mm_s = verbs.guarded_sideways(engine)[0].speed_mm_s
+    if not known:
+        bench.stage.homed, engine.state = False, State.UNHOMED
+    jog, moving = bench.stage.jog, bench.stage.moving
+    bench.stage.jog = lambda axis, mm, mm_s: (made.append(mm_s), jog(axis, mm, mm_s))  # type: ignore[method-assign, assignment]
+    bench.stage.moving = lambda **told: (made.append(told["speed_mm_s"]), moving(**told))[1]  # type: ignore[method-assign]
+    assert code_of_end(Steps(engine).make(direction, 0.1, speed_mm_s)) is None
+    assert made
+    assert made == pytest.approx([min(speed_mm_s, most_mm_s)] * len(made))
+
+
 @pytest.mark.parametrize(("shows_gwt", "touches"), [(10.0, False), (0.0, True), (10.2, True), (9.8, True)])
 def test_a_zero_counts_a_touch_from_the_last_recorded_zero(shows_gwt: float, touches: bool) -> None:
     """That zero was taken at 10 gwt."""
@@ -552,6 +594,27 @@ def test_position_and_force_are_shown_while_it_moves_and_at_a_look(at_hand: Call
     silence(bench)
     bench.session.look()
     assert bench.session.force_gwt is None
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_the_position_shown_is_that_of_the_stage_along_each_axis(axis: Any, known: bool) -> None:
+    """During a step and after it; the pad lies aside of the machine's zero on both."""
+    bench = SessionBench("grbl", above_mm=3.0, known=known, zero=ZERO, lifted=True)
+    from_mm = bench.bench.stage.status()
+    assert min(abs(bench.config.frame.pad_centre_x_mm), abs(bench.config.frame.pad_y_mm)) > 1.0
+    bench.shown.clear()
+    assert code_of_end(bench.step(axis, 0.5)) is None
+    now, shown = bench.bench.stage.status(), bench.session.at
+    assert shown is not None
+    assert (shown.state, shown.referenced) == (now.state, now.referenced)
+    for name in ("x_mm", "y_mm", "z_mm"):
+        least_mm, most_mm = getattr(from_mm, name), getattr(now, name)
+        assert getattr(shown, name) == pytest.approx(most_mm, abs=0.003)
+        on_the_way_mm = [getattr(at, name) for at, _ in bench.shown if at is not None]
+        assert on_the_way_mm
+        assert min(on_the_way_mm) >= least_mm - 0.003
+        assert max(on_the_way_mm) <= most_mm + 0.003
 
 
 # --- the position ---
@@ -693,7 +756,7 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
 
 @pytest.mark.parametrize("kind", STAGES)
 @pytest.mark.parametrize("above_mm", [CLEARANCE_MM, CLEARANCE_MM + 0.06])
-def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press(
+def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press_or_the_lower_one_chosen(
     kind: str, above_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that dies leaves one of them; a refused step leaves the position known."""
@@ -712,7 +775,12 @@ def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press
     with session.begun():
         session.step(Direction("z", -1), 0.5, 10.0)
     assert min(by_mm for by_mm, _ in made) >= -max(INCREMENT_MM, above_mm - CLEARANCE_MM) - 0.003
-    assert max(speed_mm_s for _, speed_mm_s in made) <= bench.config.limits.max_press_speed_mm_s
+    assert {speed_mm_s for _, speed_mm_s in made} == {bench.config.limits.max_press_speed_mm_s}
+    made.clear()
+    with session.begun():
+        session.step(Direction("z", -1), 0.1, 0.2)
+        session.step(Direction("z", 1), 0.1, 0.2)
+    assert {speed_mm_s for _, speed_mm_s in made} == {0.2}
     with raises(LimitError, "too_deep"), session.begun():
         session.step(Direction("z", -1), 5.0, 2.0)
     assert bench.memory.read().left_at_mm is not None

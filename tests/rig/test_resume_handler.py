@@ -31,6 +31,7 @@ from rig.protocol.steps import (
     Note,
     Precondition,
     Ramp,
+    Reference,
     Rest,
     ResumeRule,
     Retract,
@@ -199,6 +200,15 @@ COMPARED: dict[str, tuple[dict[str, list[dict[str, Any]]], Step[Any, Any], Press
     "a press for a ramp of 0.2": (
         {"indentation_start": [OLD], "ramp": [{"index": 0, "speed_mm_s": 1.0}]}, INDENT, AT, True),
     "a reference press of that index": ({"reference_indentation_start": [OLD | {"value": 9.0}]}, INDENT, AT, False),
+    **{
+        f"a {purpose} press that has the index of a ramp": (
+            {f"{purpose}_indentation_start": [OLD | {"increments": 1}], "ramp": [{"index": 0, "speed_mm_s": 0.4}]},
+            step, PressPlace("bar", 0.0, 0.0, (PressId(0, purpose),)), False)
+        for purpose, step in (
+            ("reference", Reference(x_mm=0.0, doi_mm=0.2, increments=1)),
+            ("precondition", PRESSED),
+        )
+    },
     "the same checkpoint": ({"checkpoint": [{"name": "a"}]}, Checkpoint(name="a"), AT, False),
     "another checkpoint": ({"checkpoint": [{"name": "a"}]}, Checkpoint(name="b"), AT, True),
     "a checkpoint that is not in the journal": ({}, Checkpoint(name="b"), AT, False),
