@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import looked_after_by
-from rig.devices.base import ForceBusy, ForceTimeout, StageError
+from rig.devices.base import LOOK_S, ForceBusy, ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
@@ -884,3 +884,82 @@ def test_the_force_of_a_hand_during_a_mount_neither_trips_nor_lifts() -> None:
     bench.mount = mount  # type: ignore[method-assign, assignment]
     verbs.mount(engine, "bar:3.0")
     assert (engine.state, bench.height_mm) == (State.READY, height_mm)
+
+
+# --- what is polled, and what is on record ---
+
+
+@pytest.mark.parametrize(("sample_s", "fast_s"), [(0.02, 0.02), (0.05, 0.05), (0.5, LOOK_S)])
+def test_a_motion_that_a_touch_ends_is_polled_with_each_sample_and_an_increment_at_each_look(
+    sample_s: float, fast_s: float
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.sample_period_s = sample_s  # type: ignore[misc]
+    polled_s, moving = list[float](), bench.stage.moving
+
+    def spied(*, look_s: float = LOOK_S, **told: Any) -> Any:
+        polled_s.append(look_s)
+        return moving(look_s=look_s, **told)
+
+    bench.stage.moving = spied  # type: ignore[method-assign]
+    for act, expected_s in (
+        (lambda: engine.go_to_height(1.95, 0.5), LOOK_S),
+        (lambda: verbs.retract(engine), LOOK_S),
+        (lambda: verbs.move_to(engine, 1.0), fast_s),
+    ):
+        polled_s.clear()
+        act()
+        assert set(polled_s) == {expected_s}
+
+
+@pytest.mark.parametrize("zeroed", [True, False])
+def test_every_reading_on_record_has_its_place_depth_force_stability_and_contact_time(zeroed: bool) -> None:
+    """At rest, in a wait and in a motion that trips."""
+    bench = StubBench()
+    engine = bench.ready()
+    verbs.move_to(engine, 0.5)
+    engine.go_to_height(1.95, 0.5)
+    bench.force.shows_gwt, bench.force.stable = 0.5, False
+    engine.read_force_gwt(PressId(3), "press", contact_height_mm=2.25)
+    bench.clock.wait_s(2.0)
+    bench.force.shows_gwt, bench.force.stable = 0.25, True
+    engine.read_force_gwt(PressId(4, "reference"), "hold")
+    first, second = bench.of("sample")[-1], bench.of("reference_sample")[-1]
+    assert first == {
+        "index": 3, "phase": "press", "x_mm": 0.5, "height_mm": 1.95, "doi_mm": 0.3, "force_gwt": 0.5,
+        "stable": False, "contact_s": 0.0,
+    }  # fmt: skip
+    contact_s = second.pop("contact_s")
+    assert second == {
+        "index": 4, "phase": "hold", "x_mm": 0.5, "height_mm": 1.95, "doi_mm": None, "force_gwt": 0.25,
+        "stable": True,
+    }  # fmt: skip
+    assert 2.0 <= contact_s <= 2.5
+    bench.force.shows_gwt = 0.0
+    verbs.retract(engine)
+    ended = bench.of("retract")[-1]
+    assert (ended["height_mm"], ended["contact"], ended["force_gwt"]) == (2.0, "lifted", 0.0)
+    assert ended["contact_s"] >= contact_s
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", 300.0 if bench.stage.at_mm[0] > -29.0 else 0.0)
+    if not zeroed:
+        engine.sensing.zero = None
+    with raises(TripError, "soft_trip"):
+        verbs.move_to(engine, 3.0)
+    last, trip = bench.of("sample")[-1], bench.of("trip")[-1]
+    assert (last["phase"], last["force_gwt"], last["height_mm"]) == ("moving", 300.0, 2.0)
+    assert 1.0 < last["x_mm"] < 1.6
+    assert trip["force_gwt"] == 300.0
+    assert trip["contact_s"] >= contact_s
+
+
+def test_a_reading_where_the_position_is_unknown_is_recorded_without_one() -> None:
+    bench = StubBench()
+    engine = bench.engine
+    engine.sensing.connect()
+    engine.read_force_gwt(NO_PRESS, "moving")
+    assert [(e["x_mm"], e["height_mm"]) for e in bench.of("sample")] == [(None, None)]
+    with raises(TripError, "for_the_test"):
+        engine.trip(TripError("for the test", "for_the_test"))
+    engine.record(engine.after_lift())
+    assert [e["height_mm"] for e in bench.of("retract")] == [None] * len(bench.of("retract"))

@@ -5,23 +5,24 @@ The finger is a spring F = k d^1.5 below its skin; the truth is sampled every fe
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceReading, StageError, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import ForceReading, StageError, StageOverridden, StageReset, StageStatus, StageTimeout
 from rig.engine import verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import State
 from rig.engine.motion import DOWN, UP
 from rig.engine.sensing import ForceZero, NoReadingError
-from rig.engine.steps import Steps
+from rig.engine.steps import Steps, resume_position
 from rig.errors import LimitError, NotReadyError
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
+from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -157,6 +158,58 @@ def test_a_session_begins_in_contact_below_clearance(
 ) -> None:
     engine = at_hand(above_mm=above_mm, zero=ZERO, lifted=lifted).session.engine
     assert (engine.state is State.READY, engine.contact.may_touch) == (clear, not clear)
+
+
+def test_a_session_sets_the_depth_limit_of_the_stage_as_homing_does() -> None:
+    bench = StubBench()
+    engine, floors_mm = bench.ready(), bench.stage.floors_mm
+    homed_mm = floors_mm[-1]
+    engine.motion.forget_depth()
+    resume_position(engine)
+    assert len(floors_mm) == 2
+    assert floors_mm == [homed_mm] * 2
+    limits, frame = bench.settings.limits, bench.settings.frame
+    assert homed_mm == pytest.approx(frame.apex_z_mm - limits.search_mm - limits.max_doi_mm)
+
+
+@pytest.mark.parametrize(("z_mm", "first_mm"), [(0.0, -1), (-0.3, -1), (-ZERO_LIFT_MM - 0.1, 1), (-9.0, 1)])
+def test_a_zero_at_the_top_of_the_travel_makes_room_for_its_lift(z_mm: float, first_mm: int) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(z_mm - bench.settings.frame.apex_z_mm, 2.0)
+    bench.stage.told.clear()
+    name, zero = Steps(engine).zero(LastKnown(), 2.0)
+    assert (name, zero.offset_n) == ("stub sensor", 0.0)
+    ways_mm = [b - a for a, b in itertools.pairwise([z_mm, *(told[2] for told in bench.stage.told)])]
+    assert math.copysign(1, ways_mm[0]) == first_mm
+    assert len(ways_mm) == (2 if first_mm < 0 else 1)
+    assert ways_mm[-1] == pytest.approx(ZERO_LIFT_MM)
+    assert bench.stage.at_mm[2] <= 0.0
+
+
+def test_a_zero_whose_lift_does_not_move_the_stage_is_none() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.lift(5.0)
+
+    def stands(to_mm: list[float], lasts_s: float) -> Iterator[StageStatus | None]:
+        bench.clock.wait_s(lasts_s)
+        yield bench.stage.status()
+
+    bench.stage._going = stands  # type: ignore[method-assign]
+    with raises(StageError, "did_not_move"):
+        Steps(engine).zero(LastKnown(), 2.0)
+    assert engine.sensing.zero is None
+
+
+def test_a_zero_of_a_stage_that_lost_its_position_is_refused_and_none() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.stage.homed = False
+    with raises(StageError, "lost_position"):
+        Steps(engine).zero(LastKnown(), 2.0)
+    assert engine.sensing.zero is None
+    assert bench.height_mm == pytest.approx(2.0)
 
 
 def test_too_deep_in_the_known_finger_is_refused_before_anything_moves(at_hand: Callable[..., SessionBench]) -> None:
