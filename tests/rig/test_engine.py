@@ -23,6 +23,7 @@ from rig.engine.sensing import ForceZero
 from rig.engine.steps import Steps
 from rig.errors import RigError
 from rig.records import NO_PRESS
+from rig.settings import ZERO_LIFT_MM
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
@@ -774,6 +775,47 @@ def test_a_shaking_stage_moves_sideways_straight_and_by_steps_within_the_drag_li
     assert max(steps_mm) <= limit.in_contact_mm + looks_mm
     for at_mm in rests_mm:
         assert math.dist(from_mm, at_mm) + math.dist(at_mm, to_mm) == pytest.approx(math.dist(from_mm, to_mm))
+
+
+@pytest.mark.parametrize("height_mm", [3.0, 12.0])
+@pytest.mark.parametrize("most_mm_s", [0.1, math.inf])
+def test_after_the_first_touch_a_move_sideways_has_the_guarded_speed_or_the_lower_one_chosen(
+    height_mm: float, most_mm_s: float
+) -> None:
+    """From the park height on, too, where it had the speed of travel; the touch vanishes at rest."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.lift(height_mm)
+    limit, _ = verbs.guarded_sideways(engine)
+    touches = [0.06]  # of the first reading on the way
+    looked = list[bool]()
+    bench.stage.at_look = lambda: looked.append(True)
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", touches.pop(0) if looked and touches else 0.0)
+    bench.stage.told.clear()
+    verbs.go_sideways(engine, 1.0, 0.0, most_mm_s)
+    speeds_mm_s = [told[3] for told in bench.stage.told if told != "halt"]
+    travel_mm_s = bench.settings.habits.travel_speed_mm_s
+    assert "halt" in bench.stage.told
+    assert speeds_mm_s[0] == min(travel_mm_s if height_mm > 10.0 else limit.speed_mm_s, most_mm_s)
+    assert speeds_mm_s[1:] == [min(limit.speed_mm_s, most_mm_s)] * (len(speeds_mm_s) - 1)
+    assert engine.x_mm == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("from_mm", [2.0, 5.0, 24.8, 25.0])
+def test_a_zero_lifts_by_its_lift_and_comes_back_to_where_it_began(from_mm: float) -> None:
+    """At the top of the travel it first makes room."""
+    bench = StubBench()
+    engine = bench.ready()
+    top_mm = -bench.settings.frame.apex_z_mm
+    engine.lift(min(from_mm, top_mm))
+    bench.stage.told.clear()
+    verbs.zero(engine)
+    heights_mm = [told[2] + top_mm for told in bench.stage.told]
+    if from_mm <= top_mm - ZERO_LIFT_MM:
+        assert heights_mm == pytest.approx([from_mm + ZERO_LIFT_MM, from_mm])
+    else:
+        assert heights_mm == pytest.approx([top_mm - ZERO_LIFT_MM, top_mm, from_mm][: 2 + (from_mm < top_mm)])
+    assert engine.height_mm == pytest.approx(from_mm)
 
 
 def test_before_the_first_zero_no_position_is_reported_as_lifted() -> None:

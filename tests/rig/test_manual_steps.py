@@ -628,6 +628,26 @@ def test_without_a_zero_force_counts_from_before_the_first_step(at_hand: Callabl
     assert found.known.kind == "unknown", "a change is no force"
 
 
+def test_homing_forgets_a_count_of_changes_and_keeps_a_zero() -> None:
+    """From a reading of before the first step no lift is shown, from a zero one is."""
+    for zero, kind in ((None, "raised"), (ZERO, "lifted")):
+        bench = SessionBench("grbl", zero=zero)
+        assert code_of_end(bench.step("z", -0.1)) is None
+        assert bench.session.sensing.zeroed
+        assert bench.session.home().kind == kind
+        assert bench.session.sensing.zero == zero
+
+
+def test_a_zero_anyway_counts_the_next_touch_from_itself() -> None:
+    bench = SessionBench("grbl", above_mm=0.2, zero=ZERO)
+    assert code_of_end(bench.step("z", -0.5)) == "touched"
+    bench.session.zero_anyway()
+    assert bench.memory.read().zero == bench.session.sensing.lasting_zero is not None
+    from_mm = bench.height_mm
+    assert code_of_end(bench.step("z", -0.5)) == "touched"
+    assert from_mm - bench.height_mm <= 2 * INCREMENT_MM
+
+
 def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., SessionBench]) -> None:
     bench = at_hand(above_mm=0.3, zero=ZERO)
     bench.spring.offset_gwt = 3.0
