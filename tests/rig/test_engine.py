@@ -928,6 +928,15 @@ def test_the_force_of_a_hand_during_a_mount_neither_trips_nor_lifts() -> None:
     assert (engine.state, bench.height_mm) == (State.READY, height_mm)
 
 
+def test_a_lift_stays_confirmed_through_a_long_move_that_reads_no_touch() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    begun_s = bench.clock.monotonic_s()
+    verbs.go_sideways(engine, 5.0, 0.0, 1.0)
+    assert bench.clock.monotonic_s() - begun_s > 2.0
+    assert engine.is_lifted
+
+
 # --- what is polled, and what is on record ---
 
 

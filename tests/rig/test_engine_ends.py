@@ -262,6 +262,18 @@ def test_a_lift_that_the_force_does_not_confirm_trips(
     assert lifted == [code is None and zeroed]
 
 
+@pytest.mark.parametrize(("shows_gwt", "height_mm"), [(0.04, 2.0), (0.06, 10.0), (-0.06, 10.0)])
+def test_a_touch_that_remains_after_the_lift_of_a_trip_is_left_to_the_park_height(
+    shows_gwt: float, height_mm: float
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, "for_the_test"):
+        engine.trip(_reason())
+    assert bench.height_mm == pytest.approx(height_mm)
+
+
 # --- a script whose step failed ---
 
 

@@ -824,6 +824,7 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
         assert recorded.kind == "raised"
         assert bench.x_mm == pytest.approx(0.5, abs=0.003)
         assert session.home().kind == "raised"
+        assert bench.height_mm > 15.0, "at its switches"
     assert bench.memory.read().left_at_mm is not None
 
 
