@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from rig.session.resume import commit
-
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "code_overview.md"
 DOCS = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
@@ -108,21 +106,3 @@ def test_every_variable_of_the_makefile_is_defined() -> None:
     used = set(re.findall(r"\$\((\w+)\)", text))
     assert {"BIN", "MEASURE_STUDIES"} <= used
     assert not used - {"CURDIR", "MAKE"} - set(re.findall(r"^(?:export )?(\w+) *[?:]?=", text, re.M))
-
-
-@pytest.mark.skipif(shutil.which("git") is None, reason="no git")
-def test_a_stored_commit_is_marked_if_files_changed_since(tmp_path: Path) -> None:
-    def git(*words: str) -> str:
-        who = ("-c", "user.name=somebody", "-c", "user.email=", "-c", "commit.gpgsign=false")
-        done = subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True, text=True)
-        return done.stdout.strip()
-
-    module = tmp_path / "module.py"
-    module.write_text("a = 1\n")
-    git("init", "-q")
-    assert commit(module) is None, "nothing is committed"
-    git("add", "module.py")
-    git("commit", "-q", "-m", "one")
-    assert commit(module) == git("rev-parse", "HEAD")
-    module.write_text("a = 2\n")
-    assert commit(module) == git("rev-parse", "HEAD") + " with changes"

@@ -132,10 +132,12 @@ def test_make_shake_repeats_every_real_time_test(texts: dict[str, str]) -> None:
         "rig/panel/test_page_scripts.py",  # the same
         "rig/test_ascii_locale.py",  # the same
         "rig/test_figures_without_settings.py",  # the same
+        "rig/test_resume_handler.py",  # git waits for nobody
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
+        "rig/test_silence_limit.py",  # its clock is one of the test
         "sim/test_calculix.py",  # another program, which nothing hurries
         "test_adding_a_part.py",  # commands, one after the other
-        "test_house.py",  # git waits for nobody
+        "test_house.py",  # git again
         "test_site.py",
         "test_third_party_device.py",  # commands, one after the other
     }

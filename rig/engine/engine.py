@@ -328,7 +328,7 @@ class Engine:
     def not_lifted(self) -> TripError:
         """Trip for the last measurement of contact."""
         known, unread = self.contact.measured, self.contact.unread
-        unread = f": {unread}" if known.kind == "raised" and unread is not None else ""
+        unread = f": {unread}" if known.kind == "raised" else ""
         return TripError(f"not lifted: {known.words}{unread}", "not_lifted")
 
     def enter_clearance(self) -> None:
@@ -351,7 +351,6 @@ class Engine:
 
     def force_at_rest_gwt(self) -> float | None:
         """Return the force from zero at rest (gwt), or None without a zero or a reading."""
-        self.contact = replace(self.contact, unread=None)
         if not self.sensing.zeroed:
             return None
         try:

@@ -13,12 +13,13 @@ from rig.devices.base import StageReset, StageStatus
 from rig.devices.make_drivers import force_driver
 from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import KnownContact
+from rig.engine.contact import KINDS, KnownContact
 from rig.engine.motion import DOWN
 from rig.engine.sensing import ForceZero, Sensing
 from rig.engine.steps import take_zero
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
+from rig.records import ContactKind
 from rig.settings import RigSettings
 from rig.transport import LoopbackTransport
 from rig.units import GWT_N
@@ -61,6 +62,25 @@ def test_a_motion_erases_the_recorded_stage_position_and_keeps_the_force_zero(me
     assert known.zero == ForceZero(0.25, 0.02)
     assert known.zero_unix_s > 1.7e9
     assert known.left_at_mm is None
+
+
+@pytest.mark.parametrize("before", [None, "lifted", "touching"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_record_says_when_and_by_which_command_the_indentor_was_lifted_and_contact_recorded(
+    memory: BenchMemory, kind: ContactKind, before: ContactKind | None
+) -> None:
+    """A height alone makes no clear finger doubtful, and no doubtful one clear."""
+    if before is not None:
+        memory.touched(KnownContact(before, 0.0, unix_s=50.0))
+    memory.began_unix_s = 1000.0
+    found = KnownContact(kind, 3.0, 0.5, 2.5, 2000.0)
+    memory.touched(found)
+    last, lifts = memory.read(), kind in ("lifted", "raised")
+    assert (last.lifted_unix_s == 2000.0, last.lifted_by_unix_s == 1000.0) == (lifts, lifts)
+    keeps = before == "lifted" and kind == "raised"
+    assert last.contact == (KnownContact("lifted", 0.0, unix_s=50.0) if keeps else found)
+    assert (last.contact_by_unix_s == 1000.0) is not keeps
+    assert last.is_lifted is (keeps or kind == "lifted")
 
 
 def test_each_pair_of_ports_has_its_own_bench_memory(memory: BenchMemory) -> None:

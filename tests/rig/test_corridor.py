@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
 from typing import Any
 
 import pytest
@@ -12,7 +14,7 @@ from rig.devices.base import StageStatus
 from rig.engine.motion import DOWN, UP, Corridor, StrayedError, jog, refuse_strayed
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
-from tests.stub_bench import StubStage
+from tests.stub_bench import StubBench, StubStage
 
 TOLERANCE_MM = 0.005
 places = st.tuples(*[st.floats(-60.0, 0.0)] * 3)
@@ -74,6 +76,31 @@ def test_backlash_compensation_widens_the_corridor_in_the_positive_direction_onl
 ) -> None:
     corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, to_mm), 5.0, 0.0, TOLERANCE_MM, (0.0, 0.0, 0.2))
     assert (corridor.strayed(_at((0.0, 0.0, at_mm)), 60.0) is not None) is strayed
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize(("off_mm", "strays"), [(0.204, False), (0.207, True)])
+def test_a_stage_may_overshoot_by_twice_the_backlash_measured_on_that_axis_and_no_other(
+    axis: str, off_mm: float, strays: bool
+) -> None:
+    """A tenth of a millimeter, and 5.5 um for a step and for rounding."""
+    backlash = {f"{axis}_backlash_mm": {"value": 0.1, "sd": 0.001, "date": "2026-01-01", "expires": "2099-01-01"}}
+    bench = StubBench({"calibration": backlash})
+    engine = bench.ready()
+    to_mm = list(bench.stage.at_mm)
+    to_mm["xyz".index(axis)] += 0.5
+
+    def overshoots() -> None:
+        if all(abs(a - b) < 1e-9 for a, b in zip(bench.stage.at_mm, to_mm, strict=True)):
+            bench.clock.wait_s(1.0)  # so that its speed is no reason
+            bench.stage.at_mm["xyz".index(axis)] += off_mm
+
+    bench.stage.at_look = overshoots
+    motion = engine.motion
+    aside = {"x": (0.5, 0.0), "y": (0.0, 0.5)}.get(axis)
+    act = partial(motion.to_height, engine.height_mm + 0.5) if aside is None else partial(motion.aside, *aside)
+    with raises(StrayedError, "off_its_way", axis=axis) if strays else nullcontext():
+        act(1.0, check=lambda: None)
 
 
 class Asked:

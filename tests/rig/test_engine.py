@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import looked_after_by
-from rig.devices.base import ForceBusy, ForceTimeout, StageError
+from rig.devices.base import LOOK_S, ForceBusy, ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
@@ -22,7 +22,8 @@ from rig.engine.motion import UP
 from rig.engine.sensing import ForceZero
 from rig.engine.steps import Steps
 from rig.errors import RigError
-from rig.records import ContactFit
+from rig.records import NO_PRESS, ContactFit
+from rig.settings import ZERO_LIFT_MM
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import KeptMemory, StubBench, raising
@@ -131,6 +132,39 @@ def test_contact_is_recorded_before_the_first_motion_below_clearance_and_at_each
     assert not engine.known_contact.aged
     bench.clock.wait_s(2.0)
     assert engine.known_contact.aged
+
+
+def _measured_at_rest(bench: StubBench) -> None:
+    bench.engine.measure_contact()
+
+
+def _read_at_rest(bench: StubBench) -> None:
+    bench.engine.read_force_gwt(NO_PRESS, "moving")
+
+
+def _read_in_motion(bench: StubBench) -> None:
+    bench.engine.lift(bench.height_mm + 1.0)
+
+
+@pytest.mark.parametrize(
+    ("last", "zeroed"),
+    [(_measured_at_rest, True), (_read_at_rest, True), (_read_in_motion, True), (_read_at_rest, False),
+     (_read_in_motion, False)],
+)  # fmt: skip
+def test_the_record_before_a_motion_below_clearance_has_the_last_force_from_a_zero(
+    last: Callable[[StubBench], None], zeroed: bool
+) -> None:
+    """What the next command reads if this one is killed in that motion."""
+    bench, kept = StubBench(), list[KnownContact]()
+    engine = bench.ready()
+    engine.memory = KeptMemory(kept)
+    bench.force.shows_gwt = 0.03
+    if not zeroed:
+        engine.sensing.zero = None
+    last(bench)
+    kept.clear()
+    engine.go_to_height(1.95, 0.5, touch_ends_it=True)
+    assert (kept[0].kind, kept[0].force_gwt) == ("unknown", pytest.approx(0.03) if zeroed else None)
 
 
 @pytest.mark.parametrize(
@@ -743,6 +777,47 @@ def test_a_shaking_stage_moves_sideways_straight_and_by_steps_within_the_drag_li
         assert math.dist(from_mm, at_mm) + math.dist(at_mm, to_mm) == pytest.approx(math.dist(from_mm, to_mm))
 
 
+@pytest.mark.parametrize("height_mm", [3.0, 12.0])
+@pytest.mark.parametrize("most_mm_s", [0.1, math.inf])
+def test_after_the_first_touch_a_move_sideways_has_the_guarded_speed_or_the_lower_one_chosen(
+    height_mm: float, most_mm_s: float
+) -> None:
+    """From the park height on, too, where it had the speed of travel; the touch vanishes at rest."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.lift(height_mm)
+    limit, _ = verbs.guarded_sideways(engine)
+    touches = [0.06]  # of the first reading on the way
+    looked = list[bool]()
+    bench.stage.at_look = lambda: looked.append(True)
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", touches.pop(0) if looked and touches else 0.0)
+    bench.stage.told.clear()
+    verbs.go_sideways(engine, 1.0, 0.0, most_mm_s)
+    speeds_mm_s = [told[3] for told in bench.stage.told if told != "halt"]
+    travel_mm_s = bench.settings.habits.travel_speed_mm_s
+    assert "halt" in bench.stage.told
+    assert speeds_mm_s[0] == min(travel_mm_s if height_mm > 10.0 else limit.speed_mm_s, most_mm_s)
+    assert speeds_mm_s[1:] == [min(limit.speed_mm_s, most_mm_s)] * (len(speeds_mm_s) - 1)
+    assert engine.x_mm == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("from_mm", [2.0, 5.0, 24.8, 25.0])
+def test_a_zero_lifts_by_its_lift_and_comes_back_to_where_it_began(from_mm: float) -> None:
+    """At the top of the travel it first makes room."""
+    bench = StubBench()
+    engine = bench.ready()
+    top_mm = -bench.settings.frame.apex_z_mm
+    engine.lift(min(from_mm, top_mm))
+    bench.stage.told.clear()
+    verbs.zero(engine)
+    heights_mm = [told[2] + top_mm for told in bench.stage.told]
+    if from_mm <= top_mm - ZERO_LIFT_MM:
+        assert heights_mm == pytest.approx([from_mm + ZERO_LIFT_MM, from_mm])
+    else:
+        assert heights_mm == pytest.approx([top_mm - ZERO_LIFT_MM, top_mm, from_mm][: 2 + (from_mm < top_mm)])
+    assert engine.height_mm == pytest.approx(from_mm)
+
+
 def test_before_the_first_zero_no_position_is_reported_as_lifted() -> None:
     """Forces count from readings at the place before: a change is no force."""
     bench, kept = StubBench(), KeptMemory()
@@ -862,3 +937,91 @@ def test_the_force_of_a_hand_during_a_mount_neither_trips_nor_lifts() -> None:
     bench.mount = mount  # type: ignore[method-assign, assignment]
     verbs.mount(engine, "bar:3.0")
     assert (engine.state, bench.height_mm) == (State.READY, height_mm)
+
+
+def test_a_lift_stays_confirmed_through_a_long_move_that_reads_no_touch() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    begun_s = bench.clock.monotonic_s()
+    verbs.go_sideways(engine, 5.0, 0.0, 1.0)
+    assert bench.clock.monotonic_s() - begun_s > 2.0
+    assert engine.is_lifted
+
+
+# --- what is polled, and what is on record ---
+
+
+@pytest.mark.parametrize(("sample_s", "fast_s"), [(0.02, 0.02), (0.05, 0.05), (0.5, LOOK_S)])
+def test_a_motion_that_a_touch_ends_is_polled_with_each_sample_and_an_increment_at_each_look(
+    sample_s: float, fast_s: float
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.sample_period_s = sample_s  # type: ignore[misc]
+    polled_s, moving = list[float](), bench.stage.moving
+
+    def spied(*, look_s: float = LOOK_S, **told: Any) -> Any:
+        polled_s.append(look_s)
+        return moving(look_s=look_s, **told)
+
+    bench.stage.moving = spied  # type: ignore[method-assign]
+    for act, expected_s in (
+        (lambda: engine.go_to_height(1.95, 0.5), LOOK_S),
+        (lambda: verbs.retract(engine), LOOK_S),
+        (lambda: verbs.move_to(engine, 1.0), fast_s),
+    ):
+        polled_s.clear()
+        act()
+        assert set(polled_s) == {expected_s}
+
+
+@pytest.mark.parametrize("zeroed", [True, False])
+def test_every_reading_on_record_has_its_place_depth_force_stability_and_contact_time(zeroed: bool) -> None:
+    """At rest, in a wait and in a motion that trips."""
+    bench = StubBench()
+    engine = bench.ready()
+    verbs.move_to(engine, 0.5)
+    engine.go_to_height(1.95, 0.5)
+    bench.force.shows_gwt, bench.force.stable = 0.5, False
+    engine.read_force_gwt(PressId(3), "press", contact_height_mm=2.25)
+    bench.clock.wait_s(2.0)
+    bench.force.shows_gwt, bench.force.stable = 0.25, True
+    engine.read_force_gwt(PressId(4, "reference"), "hold")
+    first, second = bench.of("sample")[-1], bench.of("reference_sample")[-1]
+    assert first == {
+        "index": 3, "phase": "press", "x_mm": 0.5, "height_mm": 1.95, "doi_mm": 0.3, "force_gwt": 0.5,
+        "stable": False, "contact_s": 0.0,
+    }  # fmt: skip
+    contact_s = second.pop("contact_s")
+    assert second == {
+        "index": 4, "phase": "hold", "x_mm": 0.5, "height_mm": 1.95, "doi_mm": None, "force_gwt": 0.25,
+        "stable": True,
+    }  # fmt: skip
+    assert 2.0 <= contact_s <= 2.5
+    bench.force.shows_gwt = 0.0
+    verbs.retract(engine)
+    ended = bench.of("retract")[-1]
+    assert (ended["height_mm"], ended["contact"], ended["force_gwt"]) == (2.0, "lifted", 0.0)
+    assert ended["contact_s"] >= contact_s
+    bench.force.at_read = lambda: setattr(bench.force, "shows_gwt", 300.0 if bench.stage.at_mm[0] > -29.0 else 0.0)
+    if not zeroed:
+        engine.sensing.zero = None
+    with raises(TripError, "soft_trip"):
+        verbs.move_to(engine, 3.0)
+    last, trip = bench.of("sample")[-1], bench.of("trip")[-1]
+    assert (last["phase"], last["force_gwt"], last["height_mm"]) == ("moving", 300.0, 2.0)
+    assert 1.0 < last["x_mm"] < 1.6
+    assert trip["force_gwt"] == 300.0
+    assert trip["contact_s"] >= contact_s
+
+
+def test_a_reading_where_the_position_is_unknown_is_recorded_without_one() -> None:
+    bench = StubBench()
+    engine = bench.engine
+    engine.sensing.connect()
+    engine.read_force_gwt(NO_PRESS, "moving")
+    assert [(e["x_mm"], e["height_mm"]) for e in bench.of("sample")] == [(None, None)]
+    with raises(TripError, "for_the_test"):
+        engine.trip(TripError("for the test", "for_the_test"))
+    engine.record(engine.after_lift())
+    assert [e["height_mm"] for e in bench.of("retract")] == [None] * len(bench.of("retract"))

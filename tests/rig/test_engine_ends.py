@@ -1,4 +1,4 @@
-"""How an engine ends: trips, stops, devices and records that fail, an operator."""
+"""How an engine ends: trips, stops, devices and records that fail, an operator, a step of a script."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -7,11 +7,16 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceTimeout, StageError, StageOverridden
-from rig.engine import PressId, RecordError, TripError, verbs
+from rig.engine import EngineError, PressId, RecordError, TripError, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
+from rig.protocol.check import PressPlace, ScriptState
+from rig.protocol.steps import Checkpoint, Note, Rest, Retract, Zero
+from rig.session.execute import Live, execute
 from rig.transport.wire import TransportError
 from tests.error_codes import raises
+from tests.rig.plain_bench import PlainBench
+from tests.rig.script_state import StandIn
 from tests.stub_bench import StubBench, raising
 
 
@@ -255,3 +260,43 @@ def test_a_lift_that_the_force_does_not_confirm_trips(
     assert engine.state is (State.TRIPPED if code else State.READY)
     lifted = [event["contact"] == "lifted" for event in bench.of("retract")]
     assert lifted == [code is None and zeroed]
+
+
+@pytest.mark.parametrize(("shows_gwt", "height_mm"), [(0.04, 2.0), (0.06, 10.0), (-0.06, 10.0)])
+def test_a_touch_that_remains_after_the_lift_of_a_trip_is_left_to_the_park_height(
+    shows_gwt: float, height_mm: float
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, "for_the_test"):
+        engine.trip(_reason())
+    assert bench.height_mm == pytest.approx(height_mm)
+
+
+# --- a script whose step failed ---
+
+
+def test_an_interrupt_in_a_step_stops_the_stage_before_it_propagates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a script cannot catch comes when the stage is stopped; an error does not stop it."""
+    engine = PlainBench(lambda bench: 0.0, {}).engine
+    stopped: list[bool] = []
+    monkeypatch.setattr(engine, "stop", lambda: stopped.append(True))
+    for error, stops in ((EngineError("it failed"), []), (KeyboardInterrupt(), [True])):
+        monkeypatch.setattr(verbs, "zero", raising(error))
+        with pytest.raises(type(error)):
+            execute(engine, Zero(), None)
+        assert stopped == stops
+
+
+def test_after_a_swallowed_failure_a_script_can_only_write_notes_and_checkpoints() -> None:
+    bench = PlainBench(lambda bench: 0.0, {})
+    live = Live(bench.engine, ScriptState(bench.settings, StandIn()))
+    at = PressPlace("bar", 0.0, 0.0, ())
+    bench.engine.problem = EngineError("it failed")
+    live.handle(Note(text="a"), at)
+    live.handle(Checkpoint(name="b"), at)
+    for step in (Zero(), Retract(), Rest(seconds=1)):
+        with pytest.raises(EngineError, match="it failed"):
+            live.handle(step, at)
+    assert [stream for stream, _ in bench.events] == ["note", "checkpoint"]

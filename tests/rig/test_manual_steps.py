@@ -4,23 +4,25 @@ The finger is a spring F = k d^1.5 below its skin; the truth is sampled every fe
 """
 
 import itertools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceReading, StageError, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import ForceReading, StageError, StageOverridden, StageReset, StageStatus, StageTimeout
 from rig.engine import verbs
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import State
 from rig.engine.motion import DOWN, UP
 from rig.engine.sensing import ForceZero, NoReadingError
-from rig.engine.steps import Steps
+from rig.engine.steps import Steps, resume_position
 from rig.errors import LimitError, NotReadyError
 from rig.manual.without_force import SessionWithoutForce
 from rig.plan.config import Config
+from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -156,6 +158,58 @@ def test_a_session_begins_in_contact_below_clearance(
 ) -> None:
     engine = at_hand(above_mm=above_mm, zero=ZERO, lifted=lifted).session.engine
     assert (engine.state is State.READY, engine.contact.may_touch) == (clear, not clear)
+
+
+def test_a_session_sets_the_depth_limit_of_the_stage_as_homing_does() -> None:
+    bench = StubBench()
+    engine, floors_mm = bench.ready(), bench.stage.floors_mm
+    homed_mm = floors_mm[-1]
+    engine.motion.forget_depth()
+    resume_position(engine)
+    assert len(floors_mm) == 2
+    assert floors_mm == [homed_mm] * 2
+    limits, frame = bench.settings.limits, bench.settings.frame
+    assert homed_mm == pytest.approx(frame.apex_z_mm - limits.search_mm - limits.max_doi_mm)
+
+
+@pytest.mark.parametrize(("z_mm", "first_mm"), [(0.0, -1), (-0.3, -1), (-ZERO_LIFT_MM - 0.1, 1), (-9.0, 1)])
+def test_a_zero_at_the_top_of_the_travel_makes_room_for_its_lift(z_mm: float, first_mm: int) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(z_mm - bench.settings.frame.apex_z_mm, 2.0)
+    bench.stage.told.clear()
+    name, zero = Steps(engine).zero(LastKnown(), 2.0)
+    assert (name, zero.offset_n) == ("stub sensor", 0.0)
+    ways_mm = [b - a for a, b in itertools.pairwise([z_mm, *(told[2] for told in bench.stage.told)])]
+    assert math.copysign(1, ways_mm[0]) == first_mm
+    assert len(ways_mm) == (2 if first_mm < 0 else 1)
+    assert ways_mm[-1] == pytest.approx(ZERO_LIFT_MM)
+    assert bench.stage.at_mm[2] <= 0.0
+
+
+def test_a_zero_whose_lift_does_not_move_the_stage_is_none() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.lift(5.0)
+
+    def stands(to_mm: list[float], lasts_s: float) -> Iterator[StageStatus | None]:
+        bench.clock.wait_s(lasts_s)
+        yield bench.stage.status()
+
+    bench.stage._going = stands  # type: ignore[method-assign]
+    with raises(StageError, "did_not_move"):
+        Steps(engine).zero(LastKnown(), 2.0)
+    assert engine.sensing.zero is None
+
+
+def test_a_zero_of_a_stage_that_lost_its_position_is_refused_and_none() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.stage.homed = False
+    with raises(StageError, "lost_position"):
+        Steps(engine).zero(LastKnown(), 2.0)
+    assert engine.sensing.zero is None
+    assert bench.height_mm == pytest.approx(2.0)
 
 
 def test_too_deep_in_the_known_finger_is_refused_before_anything_moves(at_hand: Callable[..., SessionBench]) -> None:
@@ -435,6 +489,47 @@ def test_steps_add_up_along_their_axis_alone(axis: Any, by_mm: float) -> None:
         assert bench.stage.at_mm == pytest.approx(machine_mm)
 
 
+def _slow_table() -> dict[str, tuple[bool, float, Direction, float]]:
+    """Whether the height is known, from where, which way, and the highest speed there (mm/s)."""
+    habits, limits = Config().habits, Config().limits
+    aside = Direction("x", 1)
+    return {
+        "down above clearance": (True, 6.0, DOWN, habits.descent_speed_mm_s),
+        "down below clearance": (True, CLEARANCE_MM, DOWN, limits.max_press_speed_mm_s),
+        "up": (True, 3.0, UP, math.inf),
+        "sideways": (True, 3.0, aside, -1.0),
+        "sideways from the park height": (True, habits.park_height_mm, aside, habits.travel_speed_mm_s),
+        "down at an unknown height": (False, 3.0, DOWN, limits.max_press_speed_mm_s),
+        "up at an unknown height": (False, 3.0, UP, math.inf),
+        "sideways at an unknown height": (False, 3.0, aside, -1.0),
+    }
+
+
+SLOW = _slow_table()
+"""-1: the speed of a guarded move sideways."""
+
+
+@pytest.mark.parametrize("way", SLOW)
+@pytest.mark.parametrize("speed_mm_s", [0.05, 100.0])
+def test_a_step_has_the_speed_that_a_person_chose_unless_a_guard_asks_for_a_lower_one(
+    way: str, speed_mm_s: float
+) -> None:
+    known, from_mm, direction, most_mm_s = SLOW[way]
+    bench = StubBench()
+    engine, made = bench.ready(), list[float]()
+    engine.go_to_height(from_mm, 0.5)
+    if most_mm_s < 0.0:
+        most_mm_s = verbs.guarded_sideways(engine)[0].speed_mm_s
+    if not known:
+        bench.stage.homed, engine.state = False, State.UNHOMED
+    jog, moving = bench.stage.jog, bench.stage.moving
+    bench.stage.jog = lambda axis, mm, mm_s: (made.append(mm_s), jog(axis, mm, mm_s))  # type: ignore[method-assign, assignment]
+    bench.stage.moving = lambda **told: (made.append(told["speed_mm_s"]), moving(**told))[1]  # type: ignore[method-assign]
+    assert code_of_end(Steps(engine).make(direction, 0.1, speed_mm_s)) is None
+    assert made
+    assert made == pytest.approx([min(speed_mm_s, most_mm_s)] * len(made))
+
+
 @pytest.mark.parametrize(("shows_gwt", "touches"), [(10.0, False), (0.0, True), (10.2, True), (9.8, True)])
 def test_a_zero_counts_a_touch_from_the_last_recorded_zero(shows_gwt: float, touches: bool) -> None:
     """That zero was taken at 10 gwt."""
@@ -533,6 +628,26 @@ def test_without_a_zero_force_counts_from_before_the_first_step(at_hand: Callabl
     assert found.known.kind == "unknown", "a change is no force"
 
 
+def test_homing_forgets_a_count_of_changes_and_keeps_a_zero() -> None:
+    """From a reading of before the first step no lift is shown, from a zero one is."""
+    for zero, kind in ((None, "raised"), (ZERO, "lifted")):
+        bench = SessionBench("grbl", zero=zero)
+        assert code_of_end(bench.step("z", -0.1)) is None
+        assert bench.session.sensing.zeroed
+        assert bench.session.home().kind == kind
+        assert bench.session.sensing.zero == zero
+
+
+def test_a_zero_anyway_counts_the_next_touch_from_itself() -> None:
+    bench = SessionBench("grbl", above_mm=0.2, zero=ZERO)
+    assert code_of_end(bench.step("z", -0.5)) == "touched"
+    bench.session.zero_anyway()
+    assert bench.memory.read().zero == bench.session.sensing.lasting_zero is not None
+    from_mm = bench.height_mm
+    assert code_of_end(bench.step("z", -0.5)) == "touched"
+    assert from_mm - bench.height_mm <= 2 * INCREMENT_MM
+
+
 def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., SessionBench]) -> None:
     bench = at_hand(above_mm=0.3, zero=ZERO)
     bench.spring.offset_gwt = 3.0
@@ -552,6 +667,27 @@ def test_position_and_force_are_shown_while_it_moves_and_at_a_look(at_hand: Call
     silence(bench)
     bench.session.look()
     assert bench.session.force_gwt is None
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["height known", "height unknown"])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_the_position_shown_is_that_of_the_stage_along_each_axis(axis: Any, known: bool) -> None:
+    """During a step and after it; the pad lies aside of the machine's zero on both."""
+    bench = SessionBench("grbl", above_mm=3.0, known=known, zero=ZERO, lifted=True)
+    from_mm = bench.bench.stage.status()
+    assert min(abs(bench.config.frame.pad_centre_x_mm), abs(bench.config.frame.pad_y_mm)) > 1.0
+    bench.shown.clear()
+    assert code_of_end(bench.step(axis, 0.5)) is None
+    now, shown = bench.bench.stage.status(), bench.session.at
+    assert shown is not None
+    assert (shown.state, shown.referenced) == (now.state, now.referenced)
+    for name in ("x_mm", "y_mm", "z_mm"):
+        least_mm, most_mm = getattr(from_mm, name), getattr(now, name)
+        assert getattr(shown, name) == pytest.approx(most_mm, abs=0.003)
+        on_the_way_mm = [getattr(at, name) for at, _ in bench.shown if at is not None]
+        assert on_the_way_mm
+        assert min(on_the_way_mm) >= least_mm - 0.003
+        assert max(on_the_way_mm) <= most_mm + 0.003
 
 
 # --- the position ---
@@ -688,12 +824,13 @@ def test_without_force_a_step_is_a_jog_and_depth_still_counts(kind: str) -> None
         assert recorded.kind == "raised"
         assert bench.x_mm == pytest.approx(0.5, abs=0.003)
         assert session.home().kind == "raised"
+        assert bench.height_mm > 15.0, "at its switches"
     assert bench.memory.read().left_at_mm is not None
 
 
 @pytest.mark.parametrize("kind", STAGES)
 @pytest.mark.parametrize("above_mm", [CLEARANCE_MM, CLEARANCE_MM + 0.06])
-def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press(
+def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press_or_the_lower_one_chosen(
     kind: str, above_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that dies leaves one of them; a refused step leaves the position known."""
@@ -712,7 +849,12 @@ def test_without_force_a_step_down_is_made_of_increments_at_the_speed_of_a_press
     with session.begun():
         session.step(Direction("z", -1), 0.5, 10.0)
     assert min(by_mm for by_mm, _ in made) >= -max(INCREMENT_MM, above_mm - CLEARANCE_MM) - 0.003
-    assert max(speed_mm_s for _, speed_mm_s in made) <= bench.config.limits.max_press_speed_mm_s
+    assert {speed_mm_s for _, speed_mm_s in made} == {bench.config.limits.max_press_speed_mm_s}
+    made.clear()
+    with session.begun():
+        session.step(Direction("z", -1), 0.1, 0.2)
+        session.step(Direction("z", 1), 0.1, 0.2)
+    assert {speed_mm_s for _, speed_mm_s in made} == {0.2}
     with raises(LimitError, "too_deep"), session.begun():
         session.step(Direction("z", -1), 5.0, 2.0)
     assert bench.memory.read().left_at_mm is not None

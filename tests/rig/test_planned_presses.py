@@ -6,19 +6,14 @@ from typing import Any
 
 import pytest
 
-from rig.engine import EngineError, verbs
+from rig.engine import EngineError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import PressPlace, ScriptState
 from rig.protocol.steps import (
-    Checkpoint,
     ExpectedPresses,
-    Note,
     Precondition,
     Reference,
-    Rest,
-    Retract,
-    Zero,
 )
 from rig.records import (
     Hold,
@@ -32,9 +27,7 @@ from rig.records import (
 )
 from rig.session.execute import Live, execute
 from tests.error_codes import shows
-from tests.rig.plain_bench import PlainBench
 from tests.rig.script_state import StandIn, Walked, ready, walked
-from tests.stub_bench import raising
 
 Make = Callable[..., Any]
 
@@ -187,28 +180,3 @@ def test_a_reference_press_outside_the_band_of_an_identified_finger_alarms(
     expected = ExpectedPresses((PressId(0, "reference"),), planned)
     execute(bench.ready(), Reference(x_mm=0.0, doi_mm=0.2), expected)
     assert len(bench.of("alarm")) == alarms
-
-
-def test_an_interrupt_in_a_step_stops_the_stage_before_it_propagates(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a script cannot catch comes when the stage is stopped; an error does not stop it."""
-    engine = PlainBench(lambda bench: 0.0, {}).engine
-    stopped: list[bool] = []
-    monkeypatch.setattr(engine, "stop", lambda: stopped.append(True))
-    for error, stops in ((EngineError("it failed"), []), (KeyboardInterrupt(), [True])):
-        monkeypatch.setattr(verbs, "zero", raising(error))
-        with pytest.raises(type(error)):
-            execute(engine, Zero(), None)
-        assert stopped == stops
-
-
-def test_after_a_swallowed_failure_a_script_can_only_write_notes_and_checkpoints() -> None:
-    bench = PlainBench(lambda bench: 0.0, {})
-    live = Live(bench.engine, ScriptState(bench.settings, StandIn()))
-    at = PressPlace("bar", 0.0, 0.0, ())
-    bench.engine.problem = EngineError("it failed")
-    live.handle(Note(text="a"), at)
-    live.handle(Checkpoint(name="b"), at)
-    for step in (Zero(), Retract(), Rest(seconds=1)):
-        with pytest.raises(EngineError, match="it failed"):
-            live.handle(step, at)
-    assert [stream for stream, _ in bench.events] == ["note", "checkpoint"]

@@ -4,17 +4,26 @@ import errno
 import json
 import math
 import os
+import platform
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from rig.clock import WallClock
 from rig.data import Run, RunFolder, new_run_folder
 from rig.data.events import STREAMS
+from rig.data.folder import IDENTIFICATION_PAGE
+from rig.data.folder import SCRIPT as SCRIPT_OF_IDENTIFICATION
 from rig.data.journal import Journal
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -31,6 +40,7 @@ from rig.protocol.steps import (
     Note,
     Precondition,
     Ramp,
+    Reference,
     Rest,
     ResumeRule,
     Retract,
@@ -39,7 +49,8 @@ from rig.protocol.steps import (
     Zero,
 )
 from rig.records import Hold, Indentation, PressId, Target
-from rig.session.resume import first_reference_gwt, provenance, read_stopped
+from rig.session import resume
+from rig.session.resume import commit, first_reference_gwt, provenance, read_stopped
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 
@@ -133,6 +144,9 @@ OWED: dict[str, tuple[Told, list[Any], list[Step[Any, Any]]]] = {
         [Mount(indentor="a"), Zero(), TO(x_mm=0.0), PRESSED, (INDENT, 0), Mount(indentor="b"), TO(x_mm=1.0),
          (INDENT, 1)],
         [Zero(), Mount(indentor="b"), TO(x_mm=1.0), INDENT]),
+    "only the last move before a preconditioning and after it": (
+        Told((0,)), [Zero(), TO(x_mm=0.0), PRESSED, (INDENT, 0), TO(x_mm=1.0), (INDENT, 1)],
+        [Zero(), PRESSED, TO(x_mm=1.0), INDENT]),
     "the zero before the preconditioning, and the one after it": (
         Told((0,)),
         [Mount(indentor="a"), Zero(), TO(x_mm=0.0), PRESSED, (INDENT, 0), Zero(), Zero(), (INDENT, 1)],
@@ -165,6 +179,35 @@ def test_a_resumed_run_repeats_a_verb_that_journals_no_answer() -> None:
         answers = Step.answers
 
     assert Again(Told((0,))).press(Ask(), 0) == "done now"
+
+
+def test_a_resumed_run_refuses_another_press_for_good_and_lists_another_note() -> None:
+    """At every step, and at the end: a script may catch the refusal."""
+    journal = Told((0,), {"indentation_start": [PRESSED_BEFORE], "note": [{"text": "a"}]})
+    handler = ResumeHandler(journal, Again(journal), 1.0)
+    handler.handle(Note(text="b"), PressPlace("bar", 0.0, 0.0, ()))
+    assert handler.differences == ["note: 'b', where the run has 'a'"]
+    handler.end()
+    for step in (Indent(doi_mm=0.3, increments=2), INDENT):
+        with raises(BadInputError, "another_press"):
+            handler.handle(step, AT)
+    with raises(BadInputError, "another_press"):
+        handler.end()
+
+
+def test_a_checkpoint_in_the_journal_is_answered_and_the_next_one_carried_out() -> None:
+    class Counted(Checkpoint):
+        """It has an answer in the journal."""
+
+        @classmethod
+        def answers(cls, before: Any) -> dict[int, Any]:
+            return {n: f"answer {n}" for n in range(len(before.stream("checkpoint")))}
+
+    told = Told((), {"checkpoint": [{}, {}]})
+    again = Again(told)
+    at = PressPlace("bar", 0.0, 0.0, ())
+    found = [again._taken_up.handle(Counted(name=name), at) for name in "abc"]
+    assert found == ["answer 0", "answer 1", "done now"]
 
 
 # --- what is compared with the journal, and with the plan ---
@@ -200,6 +243,15 @@ COMPARED: dict[str, tuple[dict[str, list[dict[str, Any]]], Step[Any, Any], Press
     "a press for a ramp of 0.2": (
         {"indentation_start": [OLD], "ramp": [{"index": 0, "speed_mm_s": 1.0}]}, INDENT, AT, True),
     "a reference press of that index": ({"reference_indentation_start": [OLD | {"value": 9.0}]}, INDENT, AT, False),
+    **{
+        f"a {purpose} press that has the index of a ramp": (
+            {f"{purpose}_indentation_start": [OLD | {"increments": 1}], "ramp": [{"index": 0, "speed_mm_s": 0.4}]},
+            step, PressPlace("bar", 0.0, 0.0, (PressId(0, purpose),)), False)
+        for purpose, step in (
+            ("reference", Reference(x_mm=0.0, doi_mm=0.2, increments=1)),
+            ("precondition", PRESSED),
+        )
+    },
     "the same checkpoint": ({"checkpoint": [{"name": "a"}]}, Checkpoint(name="a"), AT, False),
     "another checkpoint": ({"checkpoint": [{"name": "a"}]}, Checkpoint(name="b"), AT, True),
     "a checkpoint that is not in the journal": ({}, Checkpoint(name="b"), AT, False),
@@ -300,10 +352,10 @@ SCRIPT = "def run(rig):\n    rig.mount('bar:3')\n"
 def stopped(tmp_path: Path) -> Callable[..., Path]:
     """A run of a script that says two things, stopped with this status, or killed before it has one."""
 
-    def make(status: str | None = None, planned: int = 0) -> Path:
+    def make(status: str | None = None, planned: int = 0, **more: Any) -> Path:
         script = tmp_path / "mine.py"
         script.write_text(SCRIPT, encoding="utf-8")
-        about = {"protocol": "mine.py", "parameters": {}, "virtual": False, "subject": "S07"}
+        about = {"protocol": "mine.py", "parameters": {}, "virtual": False, "subject": "S07", **more}
         folder = new_run_folder(tmp_path, "mine", datetime.now(UTC), script, Config().as_toml(), about)
         with Journal(folder.events, VirtualClock(), STREAMS) as journal:
             journal.start({"planned_indentations": planned})
@@ -410,3 +462,132 @@ def test_parameters_of_any_type_are_on_record(tmp_path: Path) -> None:
     )
     made = provenance(load_script(str(path)), Config(), None, datetime(2026, 3, 1, tzinfo=UTC), virtual=True)
     assert json.loads(json.dumps(made))["parameters"] == {"day": "2026-03-01"}
+
+
+# --- what a folder says against resuming ---
+
+
+def _journal(path: Path, change: Callable[[list[dict[str, Any]]], object]) -> None:
+    events = RunFolder(path).events
+    lines = [json.loads(line) for line in events.read_text(encoding="utf-8").splitlines()]
+    change(lines)
+    for line in lines:
+        line.pop("crc32")
+    events.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("about", "page", "code", "words"),
+    [
+        ({"protocol": SCRIPT_OF_IDENTIFICATION}, False, "identification", "its presses remain in its journal"),
+        ({"protocol": SCRIPT_OF_IDENTIFICATION}, True, "identification", "its result is in its finger file and in"),
+        ({"choose": True}, False, "earlier_choice", "--choose"),
+    ],
+)
+def test_a_run_of_a_kind_that_cannot_be_resumed_says_so(
+    stopped: Callable[..., Path], about: dict[str, Any], page: bool, code: str, words: str
+) -> None:
+    path = stopped("aborted", **about)
+    if page:
+        (path / IDENTIFICATION_PAGE).write_text("<p>found</p>", encoding="utf-8")
+    with raises(BadInputError, code) as caught:
+        read_stopped(path)
+    assert f"{path}" in str(caught.value)
+    assert words in str(caught.value)
+    assert (str(path / IDENTIFICATION_PAGE) in str(caught.value)) is page
+
+
+@pytest.mark.parametrize("planned", [0, 2])
+def test_a_run_that_was_stopped_while_planning_is_resumed_only_with_presses_planned(
+    stopped: Callable[..., Path], planned: int
+) -> None:
+    path = stopped("aborted", planned)
+    _journal(path, lambda lines: lines[-1].update(stopped_while="planning"))
+    with nullcontext() if planned else raises(BadInputError, "never_planned", path=str(path)):
+        assert not read_stopped(path).complete
+
+
+@pytest.mark.parametrize(("virtual", "begins_s"), [(True, 3.0), (False, 3600.0)])
+def test_a_resumed_part_begins_where_the_clock_of_the_run_stands(
+    stopped: Callable[..., Path], monkeypatch: pytest.MonkeyPatch, virtual: bool, begins_s: float
+) -> None:
+    """An hour after the start, by the wall clock; the clock of a virtual run stood still since its last event."""
+    path = stopped("aborted", virtual=virtual)
+    _journal(path, lambda lines: (lines[0].update(unix_s=1.7e9), lines[-1].update(t_s=3.0)))
+    monkeypatch.setattr(WallClock, "unix_s", lambda self: 1.7e9 + 3600.0)
+    assert read_stopped(path).begins_at_s == pytest.approx(begins_s)
+
+
+def test_a_resumed_run_keeps_its_parameters(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from rig.protocol import ProtocolParameters\nclass Parameters(ProtocolParameters):\n    presses: int = 1\n"
+        "def run(rig):\n    rig.home()\n",
+        encoding="utf-8",
+    )
+    script, now = load_script(str(path), ["presses=3"]), datetime.now(UTC)
+    about = provenance(script, Config(), None, now, virtual=True, subject="S07")
+    folder = new_run_folder(tmp_path / "runs", "mine", now, path, Config().as_toml(), about)
+    found = read_stopped(folder.path)
+    assert found.script.parameters.model_dump() == {"presses": 3}
+    assert (found.script.name, found.subject, found.virtual) == ("mine", "S07", True)
+
+
+# --- what a run says of its own making ---
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+def test_a_run_has_its_versions_command_commit_and_devices_on_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, virtual: bool
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/rig", "run", "mine.py"])
+    now = datetime(2026, 3, 1, 12, 0, 7, 250_000, tzinfo=UTC)
+    config = Config.model_validate({"stage": {"kind": "zaber"}, "force": {"kind": "mtsics"}})
+    made = json.loads(
+        json.dumps(provenance(load_script(str(path)), config, None, now, virtual=virtual, subject="S07"))
+    )
+    before = "virtual " if virtual else ""
+    packages = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
+    assert made == {
+        "started_utc": "2026-03-01T12:00:07+00:00",
+        "command": ["rig", "run", "mine.py"],
+        "protocol": "mine.py",
+        "parameters": {},
+        "subject": "S07",
+        "virtual": virtual,
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "versions": {name: version(name) for name in packages},
+        "commit": commit(Path(resume.__file__)),
+        "model": None,
+        "devices": {"stage": f"{before}zaber", "force": f"{before}mtsics"},
+    }
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="no git")
+def test_a_stored_commit_is_that_of_the_file_and_marked_if_files_changed_since(tmp_path: Path) -> None:
+    def git(*words: str) -> str:
+        who = ("-c", "user.name=somebody", "-c", "user.email=", "-c", "commit.gpgsign=false")
+        done = subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True, text=True)
+        return done.stdout.strip()
+
+    module = tmp_path / "module.py"
+    module.write_text("a = 1\n")
+    git("init", "-q")
+    assert commit(module) is None, "nothing is committed"
+    git("add", "module.py")
+    git("commit", "-q", "-m", "one")
+    assert commit(module) == git("rev-parse", "HEAD")
+    other = tmp_path / "other.py"
+    other.write_text("b = 1\n")
+    assert commit(module) == git("rev-parse", "HEAD"), "a file that git does not know is no change of the program"
+    assert commit(other) is None
+    module.write_text("a = 2\n")
+    assert commit(module) == git("rev-parse", "HEAD") + " with changes"
+
+
+def test_without_git_no_commit_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert commit(Path(resume.__file__)) is None
