@@ -138,6 +138,9 @@ def _is_summed_up(values: Array, row: Array, places: Array, place: Array, word: 
     summands = np.count_nonzero(np.nan_to_num(values))
     if word == "sum" and summands < FEWEST_OTHERS:  # as of a silent afferent
         return None
+    exact = (np.abs(found - row) <= 0.51 * mine + _EXACT * np.abs(found)).all()
+    if not exact and steps < _STEPS_BESIDE:  # Of few digits a rounded sum says nothing.
+        return None
     beyond = ((row > high + within) | (row < low - within)).all()
     if word == "sum" and beyond and summands >= _FEWEST_SUMMED:
         return True

@@ -327,7 +327,7 @@ def _least_s(run: Run) -> dict[str, float]:
         begin, end = bisect_right(times_s, span.begin_s), bisect_right(times_s, span.end_s)
         if span.what not in speeds_mm_s or not begin:
             continue
-        way_mm = float(np.ptp(places_mm[begin - 1 : end], axis=0).max())
+        way_mm = float(np.ptp(places_mm[begin - 1 : max(begin, end)], axis=0).max())
         least[span.what] += shortest_s(way_mm, speeds_mm_s[span.what], acceleration_mm_s2)
     return least
 

@@ -146,9 +146,8 @@ def simulator_code() -> str:
 
 def model_code(root: Path) -> list[Path]:
     """Return the modules of `sim`, at `root`, and of `rig_shared` beside it that determine a finger's model."""
-    shared = [
-        root.parent / "rig_shared" / name for name in ("accounts.py", "errors.py", "number_text.py", "user_files.py")
-    ]
+    names = ("accounts.py", "errors.py", "number_text.py", "summary_rows.py", "user_files.py")
+    shared = [root.parent / "rig_shared" / name for name in names]
     paths = [*shared, *(root / code for code in _CODE)]
     return [source for path in paths for source in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
 

@@ -166,9 +166,13 @@ def test_labels_of_conditions_and_of_all_rows_are_no_summaries(labels: list[str]
 
 
 @pytest.mark.parametrize(
-    "column", [[5] * 9, [0] * 9, [20, 14], [1, 2, 3], [2, 3, 5], [0, 0, 5, 9, 5, 0, 0], [7], [0] * 4 + [5, 5]]
+    "column",
+    [
+        *([5] * 9, [0] * 9, [20, 14], [1, 2, 3], [2, 3, 5], [0, 0, 5, 9, 5, 0, 0], [7], [0] * 4 + [5, 5]),
+        *([1.2, 0.1, 0.0, 0.1, 1.2], [0.1, 0.4, 0.1, 0.2, 0.9]),  # one digit: 1.2 for 1.4, and 0.9 for 0.8
+    ],
 )
-def test_short_and_constant_columns_are_no_summaries(column: list[float]) -> None:
+def test_short_constant_and_coarse_columns_are_no_summaries(column: list[float]) -> None:
     assert summary_row(np.array(column, dtype=float)[:, None]) is None
 
 

@@ -75,7 +75,7 @@ def test_measured_less_the_model(finger: Fingertip) -> None:
     result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
     x, z = np.array([0.0, 1.0, 50.0]), np.array([np.nan, 6.0, 6.0])
     model = deflection_at(result, x, np.array([result.z_mm, 6.0, 6.0]))
-    found = compared_deflection(result, SkinDeflection(x, z, model + np.array([0.1, -0.3, 0.0])))
+    found = compared_deflection(result, SkinDeflection(x, z, model + np.array([0.1, -0.3, 0.0]), np.full(3, np.nan)))
     assert (found["points"], found["beside_the_patch"]) == (3, 1)
     assert found["mean_mm"] == pytest.approx(-0.1)
     assert found["rms_mm"] == pytest.approx(np.sqrt((0.01 + 0.09) / 2))
