@@ -979,7 +979,7 @@ class HabitSettings(Settings):
         0.1,
         ge=0.05,
         le=20,
-        description=("margin above the last contact, in mm, where a repeated approach begins"),
+        description="margin above the last contact, in mm, where a repeated approach begins",
     )
     touch_force_gwt: float = Field(0.05, gt=0, le=1, description="force that counts as contact, in gwt")
     settle_readings: int = Field(

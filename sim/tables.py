@@ -163,7 +163,7 @@ def _refuse_summaries(
     has = f"line {numbered[found.row][0]}: has the {found.word} of the other rows"
     if found.sure:
         raise TableError(f"{path}, {has}, and would count as one of them; delete it", "summary_row")
-    warn_once(f"{path}, {has} and counts as one of them: delete it if it is none")
+    warn_once(f"{path}, {has} and counts as one of them: delete it if it is not one")
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:

@@ -61,11 +61,8 @@ class Approach:
         engine, settings = self.engine, self.engine.settings
         engine.limit_depth(self.lowest_mm - settings.limits.max_doi_mm)
         contact_mm = place.contact.contact_height_mm
-        return_mm_s, down_mm = self._free_move()
         way_mm = ramp_mm_s**2 / (2 * settings.stage.acceleration_mm_s2) + settings.habits.increment_mm
-        down_mm, readings = max(down_mm, contact_mm + way_mm), list[tuple[float, float]]()
-        safe_point(engine)
-        met = down_mm < engine.height_mm - AT_MM and self._touches(down_mm, "approach", readings, return_mm_s)
+        down_mm, readings, met = self._go_down_freely(contact_mm + way_mm)
         if met or engine.height_mm > down_mm + AT_MM or any(self._shows(force_gwt) for _, force_gwt in readings):
             return None
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
@@ -155,6 +152,18 @@ class Approach:
         speed_mm_s = max(fastest_mm_s, settings.habits.approach_speed_mm_s)
         return speed_mm_s, max(engine.free_mm(speed_mm_s, self._expected_below_mm), self.lowest_mm)
 
+    def _go_down_freely(self, lowest_mm: float) -> tuple[float, list[tuple[float, float]], bool]:
+        """Make the one move, no lower than a height; return its end, its reading, and whether it touched.
+
+        There is no reading where the indentor is that low already.
+        """
+        engine, readings = self.engine, list[tuple[float, float]]()
+        speed_mm_s, down_mm = self._free_move()
+        down_mm = max(down_mm, lowest_mm)
+        safe_point(engine)
+        touched = down_mm < engine.height_mm - AT_MM and self._touches(down_mm, "approach", readings, speed_mm_s)
+        return down_mm, readings, touched
+
     def _go_near(self, place: TouchedPlace | None) -> tuple[list[tuple[float, float]], bool]:
         """Move down in one go to where contact may be, and on to just above a known one.
 
@@ -164,10 +173,8 @@ class Approach:
         vanishes at rest or a late reading ended the one move. A force below a touch is enough to meet a known contact
         too early: its fit needs readings above it.
         """
-        engine, habits, readings = self.engine, self.engine.settings.habits, list[tuple[float, float]]()
-        speed_mm_s, down_mm = self._free_move()
-        safe_point(engine)
-        touched = down_mm < engine.height_mm - AT_MM and self._touches(down_mm, "approach", readings, speed_mm_s)
+        engine, habits = self.engine, self.engine.settings.habits
+        _, readings, touched = self._go_down_freely(-math.inf)
         if place is None:
             return readings, touched
         engine.touched.forget_at(engine.x_mm, engine.along_mm)

@@ -42,7 +42,7 @@ STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 """Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
 
 LIFTED_READINGS = 6
-"""Readings after the lift of a zero, from whose mean and scatter a change of the force is told."""
+"""Number of readings after the lift of a zero; their mean and scatter show whether the force changed."""
 
 
 def mount(engine: Engine, indentor: str) -> None:

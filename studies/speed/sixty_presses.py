@@ -1,6 +1,6 @@
 """Sixty presses as a physiologist makes them, on every kind of stage and with every kind of force sensor.
 
-.venv/bin/python -m studies.speed.sixty_presses --csv studies/results/speed/sixty_presses.csv   # about 3 minutes
+.venv/bin/python -m studies.speed.sixty_presses --csv studies/results/speed/sixty_presses.csv   # about 8 minutes
 .venv/bin/python -m studies.speed.sixty_presses --stage grbl --force mtsics                     # one pair
 
 At one place, or at twelve places 0.5 mm apart in random order, five times; each press 0.5 mm under a bar, held 1 s,

@@ -1,4 +1,4 @@
-"""Whether two recordings are of one unit: the same file, spikes, or rates."""
+"""Comparison of two recordings that may come from one unit, by their file, spikes or rates."""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -31,7 +31,7 @@ def refuse_summary_rows(rows: Sequence[Row], measured: str, places: Sequence[str
                 "totals",
                 f"a {what}, but this row has {has}; delete it, or, if it is a {what}, move it into the middle",
             )
-        said = said or f"Row {row.row} has {has} and is counted as a {what}: delete it if it is none."
+        said = said or f"Row {row.row} has {has} and is counted as a {what}: delete it if it is not one."
     return said
 
 

@@ -131,6 +131,15 @@ def pulses_at(times: Array) -> dict[str, Any]:
     return {"intervals__sync_pulses__start_time": times}
 
 
+def write_nix(path: Path, segment: Any) -> str:
+    """Write a segment to a NIX file, and return the file's name."""
+    block = neo.Block()
+    block.segments.append(segment)
+    with neo.NixIO(str(path), mode="ow") as file:
+        file.write_block(block)
+    return str(path)
+
+
 def nix(
     start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
     epoch: tuple[str, ...] = (), rises: Sequence[float] = RISES, quality: str = "", **of_line: Any,
@@ -151,11 +160,7 @@ def nix(
         if epoch:
             times, durations = np.array([45.0]) * pq.s, np.array([20.0]) * pq.s
             segment.epochs.append(neo.Epoch(times, durations, labels=np.array(epoch[1:]), name=epoch[0]))
-        block = neo.Block()
-        block.segments.append(segment)
-        with neo.NixIO(str(path), mode="ow") as file:
-            file.write_block(block)
-        return str(path)
+        return write_nix(path, segment)
 
     return write
 

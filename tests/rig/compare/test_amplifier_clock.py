@@ -29,7 +29,7 @@ from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.devices.sync_line import VirtualSyncLine
 from sim.models.fingertip import Fingertip
-from tests.rig.compare.recording_files import Array, nwb, spikes_csv, syncs
+from tests.rig.compare.recording_files import Array, nwb, spikes_csv, syncs, write_nix
 
 WITHIN_S = {"an adapter": 0.0005, "a GRBL board": 0.0005, "a Leadshine drive": 0.00125}
 """Of a drive, whose confirmation takes 3.4 ms, the spikes come back to a millisecond."""
@@ -82,11 +82,7 @@ def _nix(spike_s: Array, **of_the_segment: list[Any]) -> Callable[[Path], str]:
         segment.spiketrains.append(neo.SpikeTrain(spike_s, units="s", t_start=0, t_stop=spike_s.max() + 60, name="u"))
         for name, values in of_the_segment.items():
             getattr(segment, name).extend(values)
-        block = neo.Block()
-        block.segments.append(segment)
-        with neo.NixIO(str(path), mode="ow") as file:
-            file.write_block(block)
-        return str(path)
+        return write_nix(path, segment)
 
     return write
 
